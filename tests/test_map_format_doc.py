@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from webapp.core.blur import BlurBox
+from webapp.core.boxes import BlurBox
 from webapp.core.geo.floors import Floor, FloorImage
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from webapp.core.blur import BlurBox, blur
+from webapp.core.blur import blur
+from webapp.core.boxes import BlurBox
 
 SHARE = st.floats(0, 1)
 

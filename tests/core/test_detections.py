@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from webapp.core.blur import BlurBox
+from webapp.core.boxes import BlurBox
 from webapp.core.detections import (
     Detection,
     WindowDetections,

@@ -2,38 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable
-from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-MOST_BOXES = 500
-"""Of a photo: each costs time whenever the photo is shown."""
+from webapp.core.boxes import BlurBox
 
 _CELLS = 6
 """Mean colours along the longer side of a box; a blur with a kernel could be inverted."""
-
-_ROUNDING = 1e-6
-"""Tolerance for rounding errors of computed shares."""
-
-
-class BlurBox(NamedTuple):
-    """A part of a picture, in shares of its width and height from its top-left corner."""
-
-    x: float
-    y: float
-    width: float
-    height: float
-
-    @property
-    def inside(self) -> bool:
-        """Whether it is a part of the picture: not empty, and not beyond an edge by more than rounding."""
-        most = 1 + _ROUNDING
-        ends = (self.x + self.width, self.y + self.height)
-        return min(self.x, self.y) >= 0 and min(self.width, self.height) > 0 and max(ends) <= most
 
 
 def blur(pixels: NDArray[np.uint8], boxes: Iterable[BlurBox]) -> NDArray[np.uint8]:
@@ -61,11 +39,6 @@ def blur(pixels: NDArray[np.uint8], boxes: Iterable[BlurBox]) -> NDArray[np.uint
             small, (right - left, bottom - top), interpolation=cv2.INTER_LINEAR
         )
     return blurred
-
-
-def boxes_key(boxes: Iterable[BlurBox]) -> str:
-    """Return a short hash that identifies these boxes."""
-    return hashlib.sha256(repr([tuple(box) for box in boxes]).encode()).hexdigest()[:12]
 
 
 def outside(boxes: Iterable[BlurBox], *, width: int, height: int) -> NDArray[np.bool_]:

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.blur import BlurBox
+from webapp.core.boxes import BlurBox
 
 Kind = Literal["face", "plate"]
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from webapp.core.blur import BlurBox
+from webapp.core.boxes import BlurBox
 from webapp.core.mapmodel.panorama import LevelView
 from webapp.files.photos.panorama import read_level_view
 from webapp.files.photos.photo import scaled_gray

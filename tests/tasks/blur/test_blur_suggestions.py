@@ -8,7 +8,7 @@ import pytest
 
 from tests.killing import Step, run_until
 from tests.standin_models import install_blur_networks
-from webapp.core.blur import BlurBox
+from webapp.core.boxes import BlurBox
 from webapp.core.detections import Detection
 from webapp.core.plates import LpdYuNet
 from webapp.errors import Cancelled, MissingPart

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from webapp.core.blur import BlurBox
+from webapp.core.boxes import BlurBox
 from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
 from webapp.files.landmarks.points import COLOURS_FILE, read_colours
 from webapp.files.maps.folder import read_map

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from tests.opening import open_first_look
-from webapp.core.blur import BlurBox
+from webapp.core.boxes import BlurBox
 from webapp.core.features.table import FeatureChoice
 from webapp.files.localize.features import read_segment
 from webapp.files.localize.index_store import IndexFolder

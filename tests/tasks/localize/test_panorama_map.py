@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.tasks.localize.test_panorama_query import HIGH, PLACES, WIDE, opened, save, texture
-from webapp.core.blur import BlurBox
+from webapp.core.boxes import BlurBox
 from webapp.core.geometry.equirectangular import cut_view, view_size
 from webapp.core.mapmodel.panorama import Panorama, band, experience_of
 from webapp.files.maps.folder import read_map, write_map

@@ -10,7 +10,7 @@ from PIL import Image
 from pyproj import Geod
 
 from tests.tasks.maps.test_cut_panoramas import panorama
-from webapp.core.blur import BlurBox
+from webapp.core.boxes import BlurBox
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.panorama import Panorama
 from webapp.errors import Cancelled, MapError, UsageError

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.web.landmarks.conftest import AT
-from webapp.core.blur import BlurBox
+from webapp.core.boxes import BlurBox
 from webapp.core.mapmodel.views import content_of_part
 from webapp.errors import Busy
 from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, read_cloud, write_cloud

@@ -14,7 +14,7 @@ import pytest
 from sqlalchemy import select
 
 from tests.web.maps.images import png
-from webapp.core.blur import BlurBox
+from webapp.core.boxes import BlurBox
 from webapp.core.geo.floors import Floor
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.blur import BlurBox, boxes_key
+from webapp.core.boxes import BlurBox, boxes_key
 
 VIEWS = 6
 """Number of views of a panorama, evenly spaced all around; the first looks towards its middle."""

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import TypeVar
 
-from webapp.core.blur import BlurBox, boxes_key
+from webapp.core.boxes import BlurBox, boxes_key
 from webapp.core.mapmodel.model import MapPhoto
 from webapp.core.mapmodel.panorama import LevelView, Panorama, view_id
 

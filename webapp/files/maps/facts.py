@@ -7,7 +7,7 @@ from dataclasses import asdict
 from datetime import datetime
 from typing import Any
 
-from webapp.core.blur import MOST_BOXES, BlurBox
+from webapp.core.boxes import MOST_BOXES, BlurBox
 from webapp.core.mapmodel.facts import FixedForm, Form, NumberForm, TextForm
 from webapp.core.mapmodel.model import FACTS, MapPhoto, PhotoSource
 from webapp.core.mapmodel.panorama import Panorama

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from webapp.core.blur import BlurBox
+from webapp.core.boxes import BlurBox
 from webapp.core.geo.types import MapPixel, inside, whole_pixel
 from webapp.core.mapmodel.model import Experience, Map, Placement, UnplacedPhoto, facts_of
 from webapp.core.mapmodel.paths import name_problem

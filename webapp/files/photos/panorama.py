@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.blur import BlurBox
+from webapp.core.boxes import BlurBox
 from webapp.core.geometry.equirectangular import ViewSize, sample, view_pixels, view_size
 from webapp.core.mapmodel.panorama import FOCAL_35MM, LevelView, boxes_of_mask
 from webapp.errors import PhotoError

@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from webapp.core.blur import BlurBox, blur
+from webapp.core.blur import blur
+from webapp.core.boxes import BlurBox
 from webapp.core.texts import tidy_name
 from webapp.errors import PhotoError
 from webapp.files.decode import Pixels, check_bytes, decode, open_image

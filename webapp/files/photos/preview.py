@@ -9,7 +9,8 @@ from typing import Literal
 
 import cv2
 
-from webapp.core.blur import BlurBox, blur
+from webapp.core.blur import blur
+from webapp.core.boxes import BlurBox
 from webapp.files.atomic import write_bytes
 from webapp.files.listing import DERIVED
 from webapp.files.part_file import discard

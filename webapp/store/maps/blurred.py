@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from sqlalchemy import select, text
 from sqlalchemy.orm import Session
 
-from webapp.core.blur import BlurBox
+from webapp.core.boxes import BlurBox
 from webapp.store.schema import BlurredFile, MapRecord, Photo
 
 _MOST_PARAMETERS = 5000

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
-from webapp.core.blur import MOST_BOXES, BlurBox
+from webapp.core.boxes import MOST_BOXES, BlurBox
 from webapp.core.detections import is_hidden
 from webapp.core.mapmodel.model import Experience, UnplacedPhoto
 from webapp.errors import Conflict, MapError, NotFound, PhotoError

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from webapp.core.blur import MOST_BOXES, BlurBox
+from webapp.core.boxes import MOST_BOXES, BlurBox
 from webapp.core.detections import Detection, boxes_to_blur, merge_duplicates, never
 from webapp.core.mapmodel.model import Experience, UnplacedPhoto
 from webapp.errors import MapError, MissingPart, PhotoError

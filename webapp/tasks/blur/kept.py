@@ -13,7 +13,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from webapp.core.blur import BlurBox
+from webapp.core.boxes import BlurBox
 from webapp.core.detections import Detection
 from webapp.errors import StorageError
 from webapp.files.atomic import make_folder, storage_error

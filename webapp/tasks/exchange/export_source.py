@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from webapp.core.blur import BlurBox
+from webapp.core.boxes import BlurBox
 from webapp.core.geo.georeference import Georeference
 from webapp.core.mapmodel.model import Map
 from webapp.errors import NotFound, UsageError

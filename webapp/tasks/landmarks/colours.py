@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.blur import BlurBox
+from webapp.core.boxes import BlurBox
 from webapp.core.landmarks.cloud import LandmarkCloud
 from webapp.core.mapmodel.panorama import LevelView
 from webapp.errors import MapError, PhotoError

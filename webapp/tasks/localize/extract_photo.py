@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.blur import BlurBox, outside
+from webapp.core.blur import outside
+from webapp.core.boxes import BlurBox
 from webapp.core.features.extract import extract
 from webapp.core.features.table import FeatureChoice
 from webapp.core.features.types import Features

@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from webapp.core.blur import BlurBox
+from webapp.core.boxes import BlurBox
 from webapp.core.geo.blank import BlankPlan, draw, plan_around
 from webapp.core.geo.types import LatLon
 from webapp.core.mapmodel.model import Map, SatelliteImage

@@ -13,7 +13,7 @@ from typing import Literal
 
 from sqlalchemy.orm import Session
 
-from webapp.core.blur import BlurBox
+from webapp.core.boxes import BlurBox
 from webapp.errors import NotFound
 from webapp.files.part_file import show_file_as
 from webapp.files.photos.preview import Kind, blur_key, make_previews, preview_name, write_previews

@@ -13,7 +13,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 from werkzeug.datastructures import FileStorage
 
-from webapp.core.blur import MOST_BOXES, BlurBox
+from webapp.core.boxes import MOST_BOXES, BlurBox
 from webapp.core.detections import Detection
 from webapp.files.localize.blur_networks import NETWORKS, blur_networks, missing_networks
 from webapp.files.part_file import discard, receive, show_file_as
