@@ -30,6 +30,12 @@ def localizer(ready_sample, tmp_path_factory):
     return open_pipeline(folder / "map.cfg", OpenOptions(jobs=1), settings=Settings(), progress=Progress())
 
 
+def on_map(localizer, the_map):
+    """Return the localizer with another state of its map."""
+    (look,) = localizer.looks
+    return replace(localizer, looks=(replace(look, opened=replace(look.opened, map=the_map)),))
+
+
 def queries(localizer):
     folder = localizer.opened.cfg.parent
     with (folder / "queries.csv").open(encoding="utf-8", newline="") as file:
@@ -57,8 +63,7 @@ def test_no_answer_is_more_exact_than_the_gps_of_the_photos(localizer):
     there = replace(localizer.opened.map, experiences=tuple(by_gps))
     path, _ = next(queries(localizer))
     exact, inexact = (
-        replace(localizer, opened=replace(localizer.opened, map=on)).localize(path, top=1).hypotheses[0]
-        for on in (localizer.opened.map, there)
+        on_map(localizer, on).localize(path, top=1).hypotheses[0] for on in (localizer.opened.map, there)
     )
     radius_m = inexact.radius_px * there.georeference.metres_per_pixel(inexact.position)
     assert exact.radius_px < 0.5 * inexact.radius_px
@@ -70,7 +75,7 @@ def test_headings_count_from_north_on_an_image_that_is_turned(localizer):
     """With north to the left of the image, all headings change by a quarter turn."""
     east_up = Georeference("EPSG:32633", (0.0, -0.5, 500_000, -0.5, 0.0, 5_500_000, 0, 0, 1), "affine")
     on_it = replace(localizer.opened.map, georeference=east_up)
-    turned = replace(localizer, opened=replace(localizer.opened, map=on_it))
+    turned = on_map(localizer, on_it)
     compared = 0
     for path, _ in [*queries(localizer)][:5]:
         one, other = (each.localize(path, top=1).hypotheses[0] for each in (localizer, turned))
@@ -101,12 +106,7 @@ def test_computed_headings_of_the_photos_count_from_north_too(localizer):
         experiences=tuple(replace(e, heading_deg=None) for e in localizer.map.experiences),
     )
     east_up = Georeference("EPSG:32633", (0.0, -0.5, 500_000, -0.5, 0.0, 5_500_000, 0, 0, 1), "affine")
-    one, other = (
-        photo_headings(
-            replace(localizer, opened=replace(localizer.opened, map=replace(bare, georeference=g)))
-        )
-        for g in (None, east_up)
-    )
+    one, other = (photo_headings(on_map(localizer, replace(bare, georeference=g))) for g in (None, east_up))
     assert len(one) >= 5 and one.keys() == other.keys()
     turned = [math.remainder(other[id] - one[id] - 90.0, 360.0) for id in one]
     assert np.abs(turned).max() < 3.0
