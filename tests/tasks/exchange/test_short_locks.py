@@ -83,7 +83,7 @@ def test_what_came_into_the_map_meanwhile_is_not_adopted_twice(
 ):
     map_id = adopt()
     save_photo(library.map_folder("park") / "photos" / "new.jpg", 7)
-    read = findings._strangers
+    read = findings._orphaned_photos
     again = []
 
     def strangers(*arguments, **named):
@@ -93,7 +93,7 @@ def test_what_came_into_the_map_meanwhile_is_not_adopted_twice(
             findings.fix_findings(library, map_id, fix="adopt", ids=(), account_id=owner, settings=SETTINGS)
         return found
 
-    monkeypatch.setattr(findings, "_strangers", strangers)
+    monkeypatch.setattr(findings, "_orphaned_photos", strangers)
     with pytest.raises(findings.Conflict, match="nothing left to fix"):
         findings.fix_findings(library, map_id, fix="adopt", ids=(), account_id=owner, settings=SETTINGS)
     assert [row.name for row in rows(map_id).values()].count("new.jpg") == 1
