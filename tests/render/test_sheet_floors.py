@@ -30,7 +30,7 @@ def source(tmp_path):
         title="Museum",
         notes=(MapNote(1, "Lift", MapPixel(9, 9)), MapNote(2, "Attic", MapPixel(9, 9), floor=1)),
     )
-    return Source(map_, tmp_path / "map.cfg", "Museum", "museum")
+    return Source(map_, tmp_path / "map.cfg", "Museum", "museum", lambda _id: ())
 
 
 def printed(source, monkeypatch, floor):
