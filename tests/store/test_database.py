@@ -6,7 +6,7 @@ import pytest
 from sqlalchemy import event
 from sqlalchemy.exc import IntegrityError, OperationalError
 
-from webapp.errors import NotFound, StorageError
+from webapp.errors import DatabaseUnavailable, NotFound, StorageError
 from webapp.store.database import Database
 from webapp.store.library import open_library
 from webapp.store.schema import Account, Photo
@@ -105,9 +105,12 @@ def test_a_database_that_turns_read_only_while_it_is_open_is_an_error_in_words(l
         connection.exec_driver_sql("PRAGMA query_only=ON")
 
     event.listen(library.database.engine, "begin", refuse)
-    with pytest.raises(StorageError, match="readonly") as caught, library.database.write() as session:
+    with (
+        pytest.raises(DatabaseUnavailable, match="the database is read-only") as caught,
+        library.database.write() as session,
+    ):
         session.add(Account(name="Eva", is_owner=False))
-    assert "read-only" in caught.value.hint
+    assert "administrator" in caught.value.hint
     with library.database.read() as session:
         assert session.query(Account).count() == 0
     event.remove(library.database.engine, "begin", refuse)
