@@ -4,30 +4,12 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.browser import axe
+from tests.pages import addresses
 
 pytestmark = pytest.mark.slow
 
 PHONE = {"width": 390, "height": 844}
-PAGES = {
-    "maps": "/",
-    "new": "/new",
-    "bin": "/bin",
-    "account": "/account",
-    "people": "/people",
-    "edit": "/maps/sample/edit",
-    "image": "/maps/sample/image",
-    "localize": "/maps/sample/localize",
-    "landmarks": "/maps/sample/landmarks",
-    "control-points": "/maps/sample/control-points",
-    "quality": "/maps/sample/quality",
-    "jobs": "/maps/sample/jobs",
-    "settings": "/maps/sample/settings",
-    "field": "/field",
-    "missions": "/missions",
-    "help": "/help/photos",
-    "public": "/public",
-    "nowhere": "/nowhere",
-}
+PAGES = addresses(slug="sample", name="photos") | {"nowhere": "/nowhere"}
 TOUCH = {"has_touch": True, "is_mobile": True, "device_scale_factor": 2}
 SCREENS = {"wide": {}, "phone": {"viewport": PHONE, **TOUCH}}
 WIDTH = "document.querySelector('#map-view img.leaflet-image-layer').getBoundingClientRect().width"
@@ -95,7 +77,7 @@ def test_the_menu_and_a_dialog(visit):
 
 
 def test_the_menus_of_the_editor_and_the_sheet_of_a_phone(visit, screen):
-    page = visit(PAGES["edit"])
+    page = visit(PAGES["map_pages.editor"])
     for menu in ("#place-menu", ".ed-export + .menu"):
         page.locator(f"{menu} > summary").click()
         expect(page.locator(f"{menu} > .menu__list")).to_be_visible()
@@ -110,7 +92,7 @@ def test_the_menus_of_the_editor_and_the_sheet_of_a_phone(visit, screen):
 
 
 def test_the_dialogs_of_the_editor(visit, screen):
-    page = visit(PAGES["edit"])
+    page = visit(PAGES["map_pages.editor"])
     place, export = "#place-menu", ".ed-export + .menu"
     buttons = {
         "place-by-file": place,
@@ -139,7 +121,7 @@ def test_the_dialogs_of_the_editor(visit, screen):
 
 
 def test_maps_for_points_have_the_zoom_buttons_of_the_others(visit):
-    page = visit(PAGES["control-points"])
+    page = visit(PAGES["landmarks_pages.control_points"])
     expect(page.locator(".leaflet-control-zoom")).to_have_count(0)
     view = page.get_by_test_id("map-view")
     image = view.locator("img.leaflet-image-layer")
@@ -152,7 +134,7 @@ def test_maps_for_points_have_the_zoom_buttons_of_the_others(visit):
 
 
 def test_the_buttons_of_a_dialog_are_in_reach_without_scrolling(visit):
-    page = visit(PAGES["edit"])
+    page = visit(PAGES["map_pages.editor"])
     page.locator(".ed-export + .menu > summary").click()
     page.locator("#print-map").click()
     box = page.get_by_test_id("print-pdf").bounding_box()

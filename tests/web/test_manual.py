@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from tests.pages import addresses
 from webapp.render import manual
 from webapp.tasks.maps import adopt_map
 
@@ -23,15 +24,11 @@ def test_pictures_are_there_and_nothing_else(client):
     assert client.get("/help/nothing").status_code == 404
 
 
-@pytest.mark.parametrize(
-    "page",
-    ["/", "/account", "/field", "/missions", *(f"/maps/row/{tab}" for tab in
-     ("edit", "localize", "image", "quality", "jobs", "settings", "landmarks", "control-points"))],
-)  # fmt: skip
+@pytest.mark.parametrize("page", addresses(slug="row", name="photos").values())
 def test_the_question_mark_opens_the_chapter_of_the_page(client, library, owner, make_map, page):
     make_map(library.map_folder("row"), 2)
     adopt_map.adopt_map(library, "row", account_id=owner.id)
-    (target,) = set(re.findall(r'href="/help/([^"]*)"', client.get(page).text))
+    (target,) = re.findall(r'href="/help/([^"]*)"[^>]*data-testid="help-link"', client.get(page).text)
     name, _, anchor = target.partition("#")
     assert not anchor or f'id="{anchor}"' in manual.chapter(name).html
 

@@ -12,6 +12,7 @@ from jinja2 import nodes
 from webapp.web import language, static_files
 from webapp.web.context import public
 from webapp.web.localize.answers import answer_colours
+from webapp.web.pages import page
 from webapp.web.satellite.layers import offered_layers
 
 _OFFLINE = (
@@ -35,12 +36,14 @@ _ICONS = (
 
 
 @blueprint.get("/field")
+@page(chapter="field")
 def field() -> str:
     """Show the page that stores photos until the device is online; it contains no data of any map."""
     return render_template("localize/field.html", colours=answer_colours(), services=offered_layers())
 
 
 @blueprint.get("/offline")
+@page(chapter="field")
 def offline() -> str:
     """Show the offline page, which replaces pages that the device has not cached."""
     return render_template("operate/offline.html")

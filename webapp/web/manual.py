@@ -1,41 +1,25 @@
-"""The manual: the documentation as pages, and the mapping of pages to chapters."""
+"""The manual: the documentation as pages."""
 
 from __future__ import annotations
 
-from flask import Blueprint, redirect, render_template, request, send_from_directory
+from flask import Blueprint, redirect, render_template, send_from_directory
 from markupsafe import Markup
 from werkzeug.wrappers import Response
 
 from webapp.render import manual
+from webapp.web.pages import FIRST_CHAPTER, page
 
 blueprint = Blueprint("manual_pages", __name__, url_prefix="/help")
-
-_FIRST = "make-a-map#1-a-new-map-and-its-image"
-"""The chapter after the installation: readers of the manual are already signed in."""
-_OF_PAGES = {
-    "map_pages.editor": "make-a-map#3-place",
-    "map_pages.settings": "sharing",
-    "satellite_pages": "satellite",
-    "localize_pages.localize": "localization#in-the-browser",
-    "localize_pages.quality": "measurements#how-to-read-an-evaluation",
-    "landmarks_pages.show": "dozen-clicks#landmarks-in-3d",
-    "landmarks_pages.control_points": "dozen-clicks#control-points",
-    "jobs_pages": "operating#what-to-watch",
-    "mission_pages": "missions",
-    "installable": "field",
-    "account_pages": "operating#accounts",
-    "people_pages": "operating#accounts",
-}
-"""Chapter of a view, or of all views of a blueprint."""
 
 
 @blueprint.get("")
 def index() -> Response:
     """Redirect to the first chapter."""
-    return redirect(f"/help/{_FIRST}")
+    return redirect(f"/help/{FIRST_CHAPTER}")
 
 
 @blueprint.get("/<name>")
+@page()
 def show(name: str) -> str:
     """Show a chapter."""
     found = manual.chapter(name)
@@ -48,9 +32,3 @@ def show(name: str) -> str:
 def picture(name: str) -> Response:
     """Send a picture of the documentation."""
     return send_from_directory(manual.folder() / manual.PICTURES, name)
-
-
-def address() -> str:
-    """Return the URL of the chapter that explains the current page."""
-    chapter = _OF_PAGES.get(request.endpoint or "") or _OF_PAGES.get(request.blueprint or "") or _FIRST
-    return f"/help/{chapter}"

@@ -7,6 +7,7 @@ from typing import Any
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import List, Nested, String
 from flask import Blueprint, render_template
+from flask_babel import lazy_gettext as _l
 from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound
@@ -19,6 +20,7 @@ from webapp.web.context import account, library, open_map, public, settings
 from webapp.web.fields import LATER, Boolean
 from webapp.web.language import translate_job
 from webapp.web.maps.schemas import JobSchema
+from webapp.web.pages import Tab, page
 
 jobs_api = APIBlueprint("jobs", __name__, url_prefix="/api/v1/jobs", tag="Jobs")
 jobs_pages = Blueprint("jobs_pages", __name__)
@@ -121,10 +123,11 @@ def _job_json(session: Session, job: Job) -> dict[str, Any]:
 
 
 @jobs_pages.get("/maps/<slug>/jobs")
+@page(chapter="operating#what-to-watch", tab=Tab(_l("Jobs"), "clock", order=6))
 def show_jobs(slug: str) -> str:
     """Show the jobs of a map; the page fetches and updates the list by the API."""
     record = open_map(slug)
-    return render_template("operate/jobs.html", map=record, tab="jobs")
+    return render_template("operate/jobs.html", map=record)
 
 
 @health_pages.get("/livez")

@@ -1,22 +1,60 @@
-"""Common template variables and filters of all pages, and helpers for pages with forms."""
+"""What a view states about its page; template variables and filters of all pages; helpers for forms."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
+from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
-from flask import Flask, redirect, request, url_for
-from flask_babel import format_datetime, format_decimal, format_timedelta
-from flask_babel import gettext as _
+from flask import Flask, current_app, redirect, request, url_for
+from flask_babel import LazyString, format_datetime, format_decimal, format_timedelta
 from werkzeug.wrappers import Response
 
 from webapp.extras import is_installed
 from webapp.store.clock import now
-from webapp.web import language, manual
+from webapp.web import language
 from webapp.web.accounts import sessions
 
 _THEMES = ("light", "dark")
+_MARK = "_expmap_page"
+FIRST_CHAPTER = "make-a-map#1-a-new-map-and-its-image"
+"""The chapter after the installation: readers of the manual are already signed in."""
+
+View = TypeVar("View", bound=Callable[..., Any])
+
+
+@dataclass(frozen=True, slots=True)
+class Tab:
+    """An entry of the navigation between the pages of a map."""
+
+    label: LazyString
+    icon: str  # of static/img/icons.svg
+    order: int  # from the left
+
+
+@dataclass(frozen=True, slots=True)
+class PageEntry:
+    """What a view states about its page."""
+
+    chapter: str  # of the manual, with its anchor: opened by the question mark
+    tab: Tab | str | None  # its own, or the endpoint of the page to whose tab it belongs
+
+
+def page(*, chapter: str = FIRST_CHAPTER, tab: Tab | str | None = None) -> Callable[[View], View]:
+    """Mark a view as a page for people; a decorator to be placed directly below the route."""
+
+    def mark(view: View) -> View:
+        setattr(view, _MARK, PageEntry(chapter, tab))
+        return view
+
+    return mark
+
+
+def page_entry(view: Callable[..., Any] | None) -> PageEntry | None:
+    """Return what a view states about its page; None if it is none."""
+    return getattr(view, _MARK, None)
 
 
 def init_app(app: Flask) -> None:
@@ -29,17 +67,37 @@ def init_app(app: Flask) -> None:
     app.add_template_filter(format_decimal, "decimal")
 
 
-def map_tabs() -> list[tuple[str, str, str]]:
-    """List the pages of a map: last part of the path, icon, and name."""
-    return [
-        ("edit", "pin", _("Edit")),
-        ("localize", "target", _("Localize")),
-        ("image", "image", _("Image")),
-        ("landmarks", "cube", _("3D")),
-        ("quality", "check", _("Quality")),
-        ("jobs", "clock", _("Jobs")),
-        ("settings", "settings", _("Settings")),
-    ]
+def map_tabs() -> list[tuple[str, Tab]]:
+    """List the tabs of a map in their order, with the endpoints of their pages."""
+    entries = ((name, page_entry(view)) for name, view in current_app.view_functions.items())
+    tabs = [(name, entry.tab) for name, entry in entries if entry and isinstance(entry.tab, Tab)]
+    return sorted(tabs, key=lambda one: one[1].order)
+
+
+def _current() -> tuple[str, PageEntry] | None:
+    """Return endpoint and entry of the page that is shown.
+
+    A form that is shown again after an error has an address below that of its page.
+    """
+    rule = request.url_rule.rule if request.url_rule else ""
+    above = [one for one in current_app.url_map.iter_rules() if rule.startswith(one.rule)]
+    for one in sorted(above, key=lambda one: -len(one.rule)):
+        entry = page_entry(current_app.view_functions[one.endpoint])
+        if entry is not None:
+            return one.endpoint, entry
+    return None
+
+
+def _current_tab() -> str | None:
+    """Return the endpoint of the page whose tab is marked as the current one."""
+    found = _current()
+    return None if found is None else found[1].tab if isinstance(found[1].tab, str) else found[0]
+
+
+def help_address() -> str:
+    """Return the URL of the chapter that explains the current page."""
+    found = _current()
+    return f"/help/{found[1].chapter if found else FIRST_CHAPTER}"
 
 
 def _common() -> dict[str, Any]:
@@ -49,8 +107,9 @@ def _common() -> dict[str, Any]:
         "installed": is_installed,
         "language": language.current(),
         "languages": language.LANGUAGES,
-        "help_address": manual.address,
+        "help_address": help_address,
         "map_tabs": map_tabs,
+        "current_tab": _current_tab,
         "script_catalogue": language.script_catalogue,
         "theme": theme if theme in _THEMES else None,
     }

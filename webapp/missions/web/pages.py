@@ -20,6 +20,7 @@ from webapp.store.maps import maps
 from webapp.web import errors
 from webapp.web.accounts.security import allow_framing
 from webapp.web.context import account, authorized_by, library, public
+from webapp.web.pages import page
 from webapp.web.satellite.api_satellite import service_json
 from webapp.web.satellite.layers import configured_layers
 
@@ -44,18 +45,21 @@ _SECRET = {"X-Robots-Tag": "noindex, nofollow"}
 
 
 @mission_pages.get("")
+@page(chapter="missions")
 def index() -> str:
     """Show the page of the list of missions, which is loaded from the API."""
     return _list(binned=False)
 
 
 @mission_pages.get("/bin")
+@page(chapter="missions")
 def trash() -> str:
     """Show the page of the missions in the bin."""
     return _list(binned=True)
 
 
 @mission_pages.get("/<id:mission_id>")
+@page(chapter="missions")
 def show(mission_id: int) -> str:
     """Show a mission; scripts overlay others by `?with=2,3`."""
     mission, who = open_mission(mission_id), account()

@@ -16,7 +16,7 @@ from webapp.web import errors
 from webapp.web.accounts import sessions
 from webapp.web.context import account, library, public, settings
 from webapp.web.language import LANGUAGES
-from webapp.web.pages import back, own_path, text
+from webapp.web.pages import back, own_path, page, text
 
 account_pages = Blueprint("account_pages", __name__)
 
@@ -27,6 +27,7 @@ sign_in_pages = Blueprint("sign_in", __name__)
 
 
 @account_pages.get("/account")
+@page(chapter="operating#accounts")
 def show() -> str:
     """Show name, password, sessions and tokens."""
     return _page()
@@ -132,6 +133,7 @@ def only_owners() -> None:
 
 
 @people_pages.get("")
+@page(chapter="operating#accounts")
 def show_people() -> str:
     """List all accounts."""
     return _people_page()

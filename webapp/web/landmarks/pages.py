@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from flask import Blueprint, render_template
+from flask_babel import lazy_gettext as _l
 
 from webapp.store.maps import maps
 from webapp.web.context import account, reading_map
 from webapp.web.maps import state as map_state
 from webapp.web.maps.state import picture_address
+from webapp.web.pages import Tab, page
 
 blueprint = Blueprint("landmarks_pages", __name__)
 
 
 @blueprint.get("/maps/<slug>/landmarks")
+@page(chapter="dozen-clicks#landmarks-in-3d", tab=Tab(_l("3D"), "cube", order=4))
 def show(slug: str) -> str:
     """Show the landmarks; `?photo=ID` selects a camera."""
     with reading_map(slug) as (session, record):
@@ -24,10 +27,11 @@ def show(slug: str) -> str:
             "satellite": map_state.satellite_json(record),
             "originals": True,
         }
-    return render_template("maps/landmarks.html", map=record, tab="landmarks", page=page, photos=photos)
+    return render_template("maps/landmarks.html", map=record, page=page, photos=photos)
 
 
 @blueprint.get("/maps/<slug>/control-points")
+@page(chapter="dozen-clicks#control-points", tab="landmarks_pages.show")
 def control_points(slug: str) -> str:
     """Show the control points, and the residuals of these and of the placed photos."""
     with reading_map(slug) as (session, record):
@@ -49,4 +53,4 @@ def control_points(slug: str) -> str:
             "satellite": map_state.satellite_json(record),
             "photos": photos,
         }
-    return render_template("maps/control_points.html", map=record, tab="landmarks", page=page)
+    return render_template("maps/control_points.html", map=record, page=page)

@@ -9,6 +9,7 @@ from typing import Any
 from flask import Blueprint, render_template
 from flask_babel import format_decimal, format_percent
 from flask_babel import gettext as _
+from flask_babel import lazy_gettext as _l
 from markupsafe import Markup
 
 from webapp.core.evaluation.summary import WITHIN_PX
@@ -28,6 +29,7 @@ from webapp.tasks.maps.library_map import georeference
 from webapp.web.context import account, library, reading_map, settings
 from webapp.web.localize.answers import answer_colours
 from webapp.web.maps import state as map_state
+from webapp.web.pages import Tab, page
 from webapp.web.satellite.layers import offered_layers
 
 blueprint = Blueprint("localize_pages", __name__)
@@ -39,6 +41,7 @@ _SURE = 0.5
 
 
 @blueprint.get("/maps/<slug>/localize")
+@page(chapter="localization#in-the-browser", tab=Tab(_l("Localize"), "target", order=2))
 def localize(slug: str) -> str:
     """Show the page for queries; `?query=ID` opens an earlier answer."""
     with reading_map(slug) as (session, record):
@@ -46,7 +49,6 @@ def localize(slug: str) -> str:
     return render_template(
         "localize/localize.html",
         map=record,
-        tab="localize",
         state=state,
         services=offered_layers(),
         features=sorted(usable_features(settings().models)),
@@ -95,6 +97,10 @@ class Part:
 
 
 @blueprint.get("/maps/<slug>/quality")
+@page(
+    chapter="measurements#how-to-read-an-evaluation",
+    tab=Tab(_l("Quality"), "check", order=5),
+)
 def quality(slug: str) -> str:
     """Show the last evaluation, and a button for a new one."""
     with reading_map(slug) as (session, record):
@@ -114,7 +120,6 @@ def quality(slug: str) -> str:
     return render_template(
         "localize/quality.html",
         map=record,
-        tab="quality",
         page={"map": slug, "job": next(iter(going), None)},
         can_edit=can_edit,
         placed=placed,

@@ -7,6 +7,7 @@ from typing import Any
 
 from flask import Blueprint, flash, redirect, render_template, request, url_for
 from flask_babel import gettext as _
+from flask_babel import lazy_gettext as _l
 from sqlalchemy.orm import Session
 from werkzeug.wrappers import Response
 
@@ -21,7 +22,7 @@ from webapp.web import errors
 from webapp.web.context import account, library, open_map, reading_map
 from webapp.web.lists import MOST_SEARCHED, split, wanted_part
 from webapp.web.maps import state as map_state
-from webapp.web.pages import back, text
+from webapp.web.pages import Tab, back, page, text
 from webapp.web.satellite.layers import offered_layers
 
 blueprint = Blueprint("map_pages", __name__)
@@ -44,6 +45,7 @@ class MapCard:
 
 
 @blueprint.get("/")
+@page()
 def index() -> str:
     """List the maps that are shared with the caller, in pages."""
     with library().database.read() as session:
@@ -53,12 +55,14 @@ def index() -> str:
 
 
 @blueprint.get("/new")
+@page()
 def new() -> str:
     """Show the form for a new map, which begins with photos."""
     return render_template("maps/new.html")
 
 
 @blueprint.get("/bin")
+@page()
 def trash() -> str:
     """List the maps in the bin, in pages."""
     with library().database.read() as session:
@@ -99,6 +103,7 @@ def show(slug: str) -> Response:
 
 
 @blueprint.get("/maps/<slug>/edit")
+@page(chapter="make-a-map#3-place", tab=Tab(_l("Edit"), "pin", order=1))
 def editor(slug: str) -> str:
     """Show the editor, with the map's state embedded in the page; it is read-only for viewers."""
     with reading_map(slug) as (session, record):
@@ -106,7 +111,6 @@ def editor(slug: str) -> str:
     return render_template(
         "maps/editor.html",
         map=record,
-        tab="edit",
         state=state,
         written=map_state.written_facts(),
         services=offered_layers(),
@@ -114,6 +118,7 @@ def editor(slug: str) -> str:
 
 
 @blueprint.get("/maps/<slug>/settings")
+@page(chapter="sharing", tab=Tab(_l("Settings"), "settings", order=7))
 def settings(slug: str) -> str:
     """Show the settings; only owners can change them."""
     return _settings_page(open_map(slug))
@@ -169,7 +174,6 @@ def _settings_page(record: MapRecord, *, error: ExpMapError | None = None) -> st
     return render_template(
         "maps/settings.html",
         map=record,
-        tab="settings",
         members=shared,
         is_owner=role == "owner",
         in_3d=has_landmarks(library().cfg(record.slug)),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, TypeVar
 
 from flask import Blueprint, render_template
+from flask_babel import lazy_gettext as _l
 
 from webapp.core.geo.area import area_around
 from webapp.core.geo.types import LatLon
@@ -15,6 +16,7 @@ from webapp.tasks.maps.placing import RequestedPose, find_spots, image_of
 from webapp.tasks.satellite.georeference import on_earth
 from webapp.web.context import account, reading_map, settings
 from webapp.web.maps.state import satellite_json
+from webapp.web.pages import Tab, page
 from webapp.web.satellite.api_satellite import service_json
 from webapp.web.satellite.layers import offered_layers
 
@@ -27,6 +29,7 @@ _MOST_DRAWN = 1000
 
 
 @blueprint.get("/maps/<slug>/image")
+@page(chapter="satellite", tab=Tab(_l("Image"), "image", order=3))
 def show(slug: str) -> str:
     """Show the image, with the three ways of setting an image, and the three of setting a georeference."""
     geocoder = settings().geocoder
@@ -49,7 +52,6 @@ def show(slug: str) -> str:
     return render_template(
         "satellite/image.html",
         map=record,
-        tab="image",
         page=page,
         can_edit=can_edit,
         placed=len(placed),

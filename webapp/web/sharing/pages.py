@@ -13,6 +13,7 @@ from webapp.web.accounts.security import allow_framing
 from webapp.web.context import library, public
 from webapp.web.localize.answers import answer_colours
 from webapp.web.maps.state import written_facts
+from webapp.web.pages import page
 from webapp.web.satellite.layers import offered_layers
 from webapp.web.sharing import shared_state
 from webapp.web.state import parts
@@ -26,6 +27,7 @@ _SECRET = {"X-Robots-Tag": "noindex, nofollow"}
 
 @blueprint.get("/public")
 @public
+@page(chapter="sharing")
 def index() -> str:
     """List all public shares."""
     with library().database.read() as session:
