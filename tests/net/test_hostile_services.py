@@ -105,7 +105,7 @@ def test_no_redirect_leads_to_another_host(server, tmp_path, client, status, pat
 
 @pytest.mark.parametrize("client", ["list", "photo"])
 def test_redirects_in_a_circle_end(server, tmp_path, client, patient):
-    head = f"HTTP/1.1 302 Moved\r\nLocation: {server.address}/x\r\nContent-Length: 0\r\n\r\n"
+    head = f"HTTP/1.1 302 Moved\r\nLocation: {server.address}/x\r\nConnection: close\r\n\r\n"
     server.answer = lambda: [head.encode()]
     with pytest.raises(InputError, match="redirects too many times"):
         CLIENTS[client](server.address, tmp_path)
