@@ -56,10 +56,13 @@ class DrainingExecutor(MultiThreadedExecutor):
                 if not self.context.ok():
                     raise
 
-    def shutdown(self, timeout_sec: float | None = None, *, wait_for_threads: bool = True) -> bool:
-        """Wait for pending callbacks, then shut down."""
+    def shutdown(self, timeout_sec: float | None = None, **options: Any) -> bool:
+        """Wait for pending callbacks, then shut down.
+
+        Options are those of the installed rclpy: older distributions have no `wait_for_threads`.
+        """
         self._executor.shutdown(wait=True)
-        return bool(super().shutdown(timeout_sec, wait_for_threads=wait_for_threads))
+        return bool(super().shutdown(timeout_sec, **options))
 
 
 def main(make: Callable[[], Node]) -> None:

@@ -6,9 +6,12 @@ import subprocess
 import sys
 
 import pytest
+import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.executors import MultiThreadedExecutor
 from std_msgs.msg import String
 
+from expmap_ros.running import DrainingExecutor
 from ros.run_tests import ROOT
 
 ENVIRON = {**os.environ, "PYTHONPATH": f"{ROOT / 'ros' / 'expmap_ros'}{os.pathsep}{ROOT}"}
@@ -17,6 +20,36 @@ ENVIRON = {**os.environ, "PYTHONPATH": f"{ROOT / 'ros' / 'expmap_ros'}{os.pathse
 def command(node, *parameters):
     words = [part for parameter in parameters for part in ("-p", parameter)]
     return [sys.executable, "-m", f"expmap_ros.{node}", "--ros-args", *words]
+
+
+def _without_options(self, timeout_sec=None):
+    return SHUTDOWN(self, timeout_sec)
+
+
+def _with_threads(self, timeout_sec=None, *, wait_for_threads=True):
+    return SHUTDOWN(self, timeout_sec)
+
+
+SHUTDOWN = MultiThreadedExecutor.shutdown
+SIGNATURES = {
+    "humble": _without_options,
+    "jazzy": _without_options,
+    "kilted": SHUTDOWN,
+    "rolling": _with_threads,
+}
+
+
+@pytest.mark.parametrize("distribution", SIGNATURES)
+def test_the_executor_stops_with_the_signature_of_each_distribution(monkeypatch, distribution):
+    monkeypatch.setattr(MultiThreadedExecutor, "shutdown", SIGNATURES[distribution])
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    executor = DrainingExecutor(num_threads=2, context=context)
+    done = executor.create_task(lambda: "done")
+    executor.spin_once(timeout_sec=1.0)
+    assert executor.shutdown()
+    assert done.result() == "done"
+    rclpy.shutdown(context=context)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
