@@ -4,6 +4,7 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.browser import axe
+from tests.browser.polling import until
 from tests.pages import addresses
 
 pytestmark = pytest.mark.slow
@@ -13,7 +14,7 @@ PAGES = addresses(slug="sample", name="photos") | {"nowhere": "/nowhere"}
 TOUCH = {"has_touch": True, "is_mobile": True, "device_scale_factor": 2}
 SCREENS = {"wide": {}, "phone": {"viewport": PHONE, **TOUCH}}
 WIDTH = "document.querySelector('#map-view img.leaflet-image-layer').getBoundingClientRect().width"
-SHOWN = "[...document.images].every((image) => image.complete)"
+SHOWN = "[...document.images].every((image) => image.complete || image.loading === 'lazy')"
 CALM = """
 () => document.getAnimations().every((animation) =>
   animation.playState !== "running" || !isFinite(animation.effect.getTiming().iterations))
@@ -38,8 +39,8 @@ def visit(open_context, owner, screen, sample_map):
         page.goto(path)
         # the editor asks for changes again and again, so its network is never idle
         page.wait_for_load_state("networkidle" if "edit" not in path else "load")
-        page.wait_for_function(SHOWN)
-        page.wait_for_function(CALM)
+        until(page, SHOWN)
+        until(page, CALM)
         return page
 
     return visit
@@ -49,7 +50,7 @@ def check(page, within="html"):
     """Check accessibility in the light and the dark theme, and overflow, title and heading."""
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)
-        page.wait_for_function(CALM)
+        until(page, CALM)
         assert axe.findings(page, within) == [], scheme
     overflow = page.evaluate("document.documentElement.scrollWidth - innerWidth")
     assert overflow <= 0, f"{overflow} pixels are outside the screen"
@@ -127,9 +128,9 @@ def test_maps_for_points_have_the_zoom_buttons_of_the_others(visit):
     image = view.locator("img.leaflet-image-layer")
     before = image.bounding_box()["width"]
     view.get_by_role("button", name="Zoom in").click()
-    page.wait_for_function(f"before => ({WIDTH}) > 1.5 * before", arg=before)
+    until(page, f"before => ({WIDTH}) > 1.5 * before", before)
     view.get_by_role("button", name="Show the whole image").click()
-    page.wait_for_function(f"before => Math.abs(({WIDTH}) - before) < 1", arg=before)
+    until(page, f"before => Math.abs(({WIDTH}) - before) < 1", before)
     assert view.locator(".ed-zoom").evaluate("one => getComputedStyle(one).flexDirection") == "column"
 
 

@@ -8,6 +8,7 @@ from PIL import Image
 from playwright.sync_api import expect
 
 from tests.browser import axe
+from tests.browser.polling import until
 
 
 def test_a_floor_is_added_and_photos_are_placed_on_it_and_moved(make_page, page, api, tmp_path: Path):
@@ -110,7 +111,7 @@ def test_all_floors_are_printed_into_one_pdf(make_page, page, api):
     page.get_by_role("dialog").get_by_label("Floor").select_option("All floors, a page each")
     expect(page.get_by_test_id("print-png")).to_be_hidden()
     sheet = page.get_by_test_id("print-preview")
-    page.wait_for_function("image => image.naturalWidth > 0", arg=sheet.element_handle(), timeout=60_000)
+    until(page, "image => image.naturalWidth > 0", sheet.element_handle())
     with page.expect_download() as download:
         page.get_by_test_id("print-pdf").click()
     assert download.value.path().read_bytes().count(b"/Type /Page\n") == 2

@@ -11,6 +11,7 @@ from playwright.sync_api import expect
 
 from tests.browser import axe
 from tests.browser.edit_page import EditPage
+from tests.browser.polling import until
 from tests.browser.test_north_up import (
     AT,
     COLOURS,
@@ -80,7 +81,7 @@ def check_ground(edit):
     """Check that the tiles show the image at its place, a few pixels on both sides of each edge."""
     page, (width, height) = edit.page, SMALL
     expect(page.locator(".map-background img").first).to_be_attached()
-    page.wait_for_function(f"() => {ALL_CAME}")
+    until(page, f"() => {ALL_CAME}")
     for n, (x, y) in enumerate(((-8, -8), (8, -8), (-8, 8), (8, 8))):
         assert colour_at(page, edit.screen(width / 2 + x, height / 2 + y)) == n
     assert colour_at(page, edit.screen(8, height / 4)) == 0

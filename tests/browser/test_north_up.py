@@ -9,6 +9,7 @@ from playwright.sync_api import expect
 
 from tests.browser import axe
 from tests.browser.edit_page import EditPage
+from tests.browser.polling import until
 
 NORTH_DEG = 35.0
 """Direction of north on the image, clockwise from its top."""
@@ -176,7 +177,7 @@ def test_tiles_of_a_large_image_turn_too(turned_map, api, page):
     edit = EditPage(page, slug).open()
     expect(page.locator("img.leaflet-tile-loaded").first).to_be_attached()
     turn_north_up(edit)
-    page.wait_for_function(TILES_ARE_SHOWN)
+    until(page, TILES_ARE_SHOWN)
     check_quarters(edit)
     with Image.open(io.BytesIO(page.screenshot())) as shot:
         (left, top), (right, bottom) = edit.screen(300, 1000), edit.screen(2000, 1000)
@@ -191,7 +192,7 @@ def test_tiles_of_a_large_image_turn_too(turned_map, api, page):
     before = scale.inner_text()
     page.locator("#zoom-in").click()
     expect(scale).not_to_have_text(before)  # at the end of the animation
-    page.wait_for_function(TILES_ARE_SHOWN)
+    until(page, TILES_ARE_SHOWN)
     middle = edit.screen(LARGE[0] / 2, LARGE[1] / 2)
     for n, (dx, dy) in enumerate(((-100, -60), (100, -60), (-100, 60), (100, 60))):
         turn = math.radians(-NORTH_DEG)

@@ -1,12 +1,11 @@
 """On a phone in the field: photos taken offline are answered once each when the network is back."""
 
-import time
-
 import pytest
 from playwright.sync_api import Page, expect
 
 from tests.browser import axe
 from tests.browser.conftest import PATIENCE_MS, sign_in
+from tests.browser.polling import until
 
 PHONE = {
     "viewport": {"width": 390, "height": 844},
@@ -60,14 +59,6 @@ def open_field(context, slug) -> Page:
 def ready(page: Page, slug) -> None:
     """Wait until the page shows the map."""
     expect(page.get_by_test_id("map-canvas")).to_have_attribute("data-ready", slug, timeout=PATIENCE_MS)
-
-
-def until(page: Page, script: str, value=None) -> None:
-    """Wait until a script returns true; the content security policy forbids eval, which Playwright uses."""
-    end = time.monotonic() + PATIENCE_MS / 1000
-    while not page.evaluate(script, value):
-        assert time.monotonic() < end, script
-        page.wait_for_timeout(100)
 
 
 def kept(page: Page, slug) -> None:

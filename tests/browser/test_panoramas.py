@@ -9,6 +9,7 @@ from playwright.sync_api import expect
 
 from tests.browser import axe
 from tests.browser.edit_page import EditPage, spots
+from tests.browser.polling import until
 from tests.tasks.localize.test_panorama_query import WIDE, save, texture
 
 
@@ -54,7 +55,7 @@ def test_panoramas_are_placed_turned_masked_and_found(page, api, sample_folder, 
     page.locator("#current-panorama").click()
     dialog = page.get_by_role("dialog")
     expect(dialog.get_by_label("The same for the 2 other panoramas")).to_be_visible()
-    page.wait_for_function("() => document.querySelector('.mask-frame img').naturalWidth")
+    until(page, "() => document.querySelector('.mask-frame img').naturalWidth")
     assert dialog.evaluate("one => one.scrollHeight - one.clientHeight") == 0, "all of it is in sight"
     mask = np.full((180, 360), 255, np.uint8)
     for row in range(8):

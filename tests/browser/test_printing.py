@@ -5,6 +5,7 @@ import re
 from playwright.sync_api import expect
 
 from tests.browser import axe
+from tests.browser.polling import until
 
 
 def test_a_sheet_is_seen_before_it_is_downloaded(page, sample_map):
@@ -14,10 +15,10 @@ def test_a_sheet_is_seen_before_it_is_downloaded(page, sample_map):
     sheet = page.get_by_test_id("print-preview")
     landscape = "image => image.complete && image.naturalWidth > image.naturalHeight"
     portrait = "image => image.complete && image.naturalWidth < image.naturalHeight"
-    page.wait_for_function(landscape, arg=sheet.element_handle(), timeout=60_000)
+    until(page, landscape, sheet.element_handle())
     page.get_by_label("Orientation").select_option("portrait")
     page.get_by_label("Title").fill("Our park")
-    page.wait_for_function(portrait, arg=sheet.element_handle(), timeout=60_000)
+    until(page, portrait, sheet.element_handle())
     pdf = page.get_by_test_id("print-pdf")
     expect(pdf).to_have_attribute("href", re.compile(r"print\.pdf\?.*orientation=portrait.*title=Our\+park"))
     assert axe.findings(page) == []

@@ -7,6 +7,7 @@ from PIL import Image
 from playwright.sync_api import expect
 
 from tests.browser.edit_page import EditPage
+from tests.browser.polling import until
 from tests.browser.test_north_up import (
     COLOURS,
     METRES_PER_PX,
@@ -63,9 +64,7 @@ def test_the_plan_of_a_floor_covers_the_turned_image(north_up, page, api, tmp_pa
     page.get_by_test_id("floor-switch").get_by_role("button", name="Gallery").click()
     floor = page.locator(".leaflet-image-layer[src*='/floors/1/image']")
     expect(floor).to_have_count(1)
-    page.wait_for_function(
-        "() => document.querySelector(\".leaflet-image-layer[src*='/floors/1/image']\").complete"
-    )
+    until(page, "() => document.querySelector(\".leaflet-image-layer[src*='/floors/1/image']\").complete")
     assert turn_of(floor) == pytest.approx(-NORTH_DEG, abs=0.3)
     boxes = [
         one.bounding_box() for one in (floor, page.locator(".leaflet-image-layer:not([src*='/floors/'])"))
@@ -147,8 +146,8 @@ def test_two_fingers_zoom_around_the_spot_between_them(turned_map, open_context,
     for apart in range(55, 101, 5):
         touch("touchMove", apart)
     touch("touchEnd")
-    page.wait_for_function(
-        "before => document.querySelector('img.leaflet-image-layer').offsetWidth > 1.6 * before", arg=width
+    until(
+        page, "before => document.querySelector('img.leaflet-image-layer').offsetWidth > 1.6 * before", width
     )
     grown = image.evaluate("one => one.offsetWidth") / width
     assert turn_of(image) == pytest.approx(-NORTH_DEG, abs=0.3)
