@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks import fusion_outliers
 from tests.missions.core.simulated import Drive, rmse
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
@@ -83,15 +84,39 @@ def test_fixes_in_any_order_of_two_sources():
 def test_a_receiver_that_promises_too_much_is_not_believed():
     drive = Drive(4, nodes=1200, every=20)
     found = fuse(odometry_of(drive), {"gps": gps_of(drive, stated_m=0.5)})
-    assert found.fit.receiver == 4.0
+    assert found.fit.stated == {"gps": 4.0}
     assert not found.gating["gps"].gated.any()
     honest = fuse(odometry_of(drive), {"gps": gps_of(drive)})
-    assert honest.fit.receiver == 1.0
+    assert honest.fit.stated == {"gps": 1.0}
+
+
+def test_a_camera_that_promises_too_much_does_not_overrule_a_good_receiver():
+    drive = Drive(8, nodes=1200, every=10)
+    poses = gps_of(drive)
+    gps, camera = poses.take(np.arange(0, len(poses), 2)), poses.take(np.arange(1, len(poses), 2))
+    off = np.random.default_rng(8).normal(0, 6.0, (len(camera), 2))
+    seen = make_poses(
+        camera.times_s,
+        FRAME.latlon_from_enu(FRAME.enu_from_latlon(camera.latlon) + off),
+        covariance_m2=np.tile([1.0, 1.0, 0.0], (len(camera), 1)),
+    )
+    found = fuse(odometry_of(drive), {"gps": gps, "visual": seen})
+    assert found.fit.stated["gps"] == 1.0
+    assert found.fit.stated["visual"] >= 4.0
+    assert error_m(found, drive) < 1.2 * error_m(fuse(odometry_of(drive), {"gps": gps}), drive)
+
+
+def test_a_receiver_that_starts_far_off_does_not_bend_the_way():
+    drive = fusion_outliers.CASES["first 20 s 50 m off"](101)
+    found = fusion_outliers.ours(drive)
+    off = np.hypot(*(found.position - drive.truth[:, :2]).T)
+    assert off[drive.times_s > 60].max() < 6
+    assert off.max() < 20
 
 
 def test_too_few_fixes_to_find_the_outlier():
     drive = Drive(4, nodes=200, every=20)
-    assert fuse(odometry_of(drive), {"gps": gps_of(drive, stated_m=0.5)}).fit.receiver == 1.0
+    assert fuse(odometry_of(drive), {"gps": gps_of(drive, stated_m=0.5)}).fit.stated == {}
 
 
 def test_wheels_that_skid_are_noticed():

@@ -170,7 +170,11 @@ def _report(fusion: Fusion, fixed: Mapping[Source, SourceFixes], *, odometry: Tr
     return {
         "odometry": None if odometry is None else odometry.id,
         "poses": len(fusion.poses),
-        "errors": {"odometry": fusion.fit.odometry, "receiver": fusion.fit.receiver},
+        "errors": {
+            "odometry": fusion.fit.odometry,
+            "receiver": fusion.fit.stated.get("gps", 1.0),
+            "stated": dict(fusion.fit.stated),
+        },
         "pieces": list(fusion.begins_s),
         "fixes": [_statistics(fusion, source) for source in fixed],
     }

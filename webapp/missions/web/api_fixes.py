@@ -118,7 +118,8 @@ class FusionOut(Schema):
     poses = Integer()
     errors = Dict(
         metadata={
-            "description": "`odometry`, `receiver`: factors on the assumed or stated standard deviations."
+            "description": "Factors on standard deviations: `odometry` on the usual ones, `stated` on those "
+            "of each source; more than 1: it was too sure. `receiver` is that of `gps`."
         }
     )
     pieces = List(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from webapp.core.geo.local import LocalFrame, centre_of
 from webapp.missions.core.trajectory.motion import HEADING, POSITION, VELOCITY, Noise
 from webapp.missions.core.trajectory.noise_fit import NoiseFit, fit
-from webapp.missions.core.trajectory.outliers import find_outliers
+from webapp.missions.core.trajectory.outliers import LEADING, find_outliers
 from webapp.missions.core.trajectory.records import Poses, Source, join, make_poses
 from webapp.missions.core.trajectory.smoother import OutlierLabels, SmoothedTrack, log_likelihood, smooth
 from webapp.missions.core.trajectory.steps import DeadReckoning, Fixes, Floats, Steps, make_steps
@@ -77,7 +77,7 @@ class Fusion:
     gating: dict[Source, GatingResult]
     # Start time of each piece: that of the track, and of each jump to another position.
     begins_s: tuple[float, ...]
-    fit: NoiseFit  # Factors on the noise of odometry and receiver, estimated from this track
+    fit: NoiseFit  # Factors on the noise of odometry and sources, estimated from this track
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +114,7 @@ def fuse(
     usual = noise or Noise()
     found = _fit(odometry, tracks, frame=frame, usual=usual, check=check)
     steps, stated = _filter_inputs(odometry, every, frame=frame, most=MOST_POSES)
-    measured = found.fixes(stated, of_receiver=every.source == "gps")
+    measured = found.fixes(stated, source=every.source)
     judged = _judged(odometry, every, found, frame=frame, usual=usual, check=check)
     done = smooth(steps, measured, noise=found.noise(usual), judged=judged, check=check)
     poses = _poses(steps, done, frame=frame, height_m=_heights(every, steps.times_s, done.gated))
@@ -138,7 +138,7 @@ def _fit(
     usual: Noise,
     check: Callable[[int], None],
 ) -> NoiseFit:
-    """Estimate the noise of odometry and receiver, from fixes with independent errors."""
+    """Estimate the noise of odometry and sources, from fixes with independent errors."""
     apart = {source: _decorrelated(poses) if source == "gps" else poses for source, poses in tracks.items()}
     sample = _all_fixes(apart, most=SAMPLE)
     if len(sample.number) < LEAST_SAMPLE:
@@ -151,7 +151,7 @@ def _fit(
     def judged(assumed: Fixes) -> OutlierLabels | None:
         return find_outliers(coarse, replace(assumed, node=nodes), noise=worse, check=check)
 
-    return fit(steps, fixes, of_receiver=sample.source == "gps", usual=usual, judged=judged)
+    return fit(steps, fixes, source=sample.source, usual=usual, judged=judged)
 
 
 def _judged(
@@ -170,9 +170,9 @@ def _judged(
     chosen = np.linspace(0, len(every.number) - 1, min(len(every.number), MOST_JUDGED)).astype(np.intp)
     some = _AllFixes(every.poses.take(chosen), every.source[chosen], every.number[chosen])
     steps, stated = _filter_inputs(odometry, some, frame=frame, most=SAMPLE)
-    measured = found.fixes(stated, of_receiver=some.source == "gps")
+    measured = found.fixes(stated, source=some.source)
     noise = found.noise(usual)
-    judged = find_outliers(steps, measured, noise=noise, check=check)
+    judged = find_outliers(steps, measured, noise=noise, leading=LEADING, check=check)
     by_itself = log_likelihood(steps, measured, noise=noise)
     if judged is None or log_likelihood(steps, measured, noise=noise, judged=judged) < by_itself:
         return None

@@ -1,38 +1,45 @@
-"""Maximum likelihood estimate of the noise of odometry and receiver, from the track itself.
+"""Maximum likelihood estimate of the noise of odometry and of each source of fixes, from the track itself.
 
 Robots differ: the odometry of wheels that skid in turns is several times worse than that of rolling wheels.
 Receivers know their noise but not their multipath errors; many send the dilution of precision instead of a
-variance. So each fix is predicted from the ones before under several assumptions, and the one under which the
-fixes are most likely is chosen (F. Schweppe, "Evaluation of likelihood functions for Gaussian signals", IEEE
-Transactions on Information Theory 11, 1965).
+variance; a camera may be sure of a wrong place. So each fix is predicted from the ones before under several
+assumptions, and the one under which the fixes are most likely is chosen (F. Schweppe, "Evaluation of
+likelihood functions for Gaussian signals", IEEE Transactions on Information Theory 11, 1965). All sources are
+estimated together: one that states too little would otherwise make the others look noisy.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from webapp.missions.core.trajectory.motion import Noise
+from webapp.missions.core.trajectory.records import Source
 from webapp.missions.core.trajectory.smoother import OutlierLabels, log_likelihood
 from webapp.missions.core.trajectory.steps import Fixes, Steps
 
 ODOMETRY = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Factors on the usual errors of odometry."""
 
-RECEIVER = (1.0, 2.0, 4.0)
-"""Factors on a receiver's stated standard deviations: none below 1, as it is never better than stated."""
+STATED: Mapping[Source, tuple[float, ...]] = {"gps": (1.0, 2.0, 4.0), "visual": (1.0, 2.0, 4.0, 8.0)}
+"""Factors on the stated standard deviations of a source: none below 1, as none is better than it states.
+
+Positions set by hand are believed."""
+
+FIRST = (1.0, 2.0)
+"""Factors on the odometry under which several sources are compared, before its own factor is refined."""
 
 
 @dataclass(frozen=True, slots=True)
 class NoiseFit:
-    """Factors on the assumed errors."""
+    """Factors on the assumed standard deviations."""
 
-    # `odometry`, `receiver`: Factors on standard deviations.
     odometry: float = 1.0
-    receiver: float = 1.0
+    stated: Mapping[Source, float] = field(default_factory=dict)  # By source; 1 where it is missing
 
     def noise(self, usual: Noise) -> Noise:
         """Return the scaled noise of the odometry."""
@@ -48,13 +55,15 @@ class NoiseFit:
             curve=usual.curve * by,
         )
 
-    def fixes(self, stated: Fixes, *, of_receiver: NDArray[np.bool_]) -> Fixes:
+    def fixes(self, stated: Fixes, *, source: NDArray[np.str_]) -> Fixes:
         """Return the fixes with scaled covariances.
 
         Args:
-            of_receiver: (m,) bool. Which came from a satellite receiver.
+            source: (m,) str. Where each came from.
         """
-        by = np.where(of_receiver, self.receiver**2, 1.0)
+        by = np.ones(len(stated))
+        for name, factor in self.stated.items():
+            by[source == name] = factor**2
         return replace(stated, covariance=stated.covariance * by[:, None, None])
 
 
@@ -62,35 +71,34 @@ def fit(
     steps: Steps,
     fixes: Fixes,
     *,
-    of_receiver: NDArray[np.bool_],
+    source: NDArray[np.str_],
     usual: Noise,
     judged: Callable[[Fixes], OutlierLabels | None] = lambda _: None,
 ) -> NoiseFit:
-    """Estimate the noise of odometry and receiver.
+    """Estimate the noise of the odometry and of each source of fixes.
 
     Args:
         steps, fixes: A sample of the track is enough: it is filtered once for each assumption.
-        of_receiver: (m,) bool. Which fixes came from a satellite receiver.
-        judged: Finds outliers under an assumed covariance, as they are no evidence of a noisy receiver. The
+        source: (m,) str. Where each fix came from.
+        judged: Finds outliers under an assumed covariance, as they are no evidence of a noisy source. The
             judgement is used if it makes the fixes likelier.
     """
-    with_odometry = bool(np.isfinite(steps.moves).any())
-    assumed = [
-        NoiseFit(odometry, receiver)
-        for odometry in (ODOMETRY if with_odometry else (1.0,))
-        for receiver in (RECEIVER if of_receiver.any() else (1.0,))
-    ]
-    judgements = {
-        factor: judged(NoiseFit(1.0, factor).fixes(fixes, of_receiver=of_receiver))
-        for factor in {one.receiver for one in assumed}
-    }
-    likelihoods = [
-        max(
-            log_likelihood(
-                steps, one.fixes(fixes, of_receiver=of_receiver), noise=one.noise(usual), judged=judgement
-            )
-            for judgement in (None, judgements[one.receiver])
+    present = [name for name in STATED if (source == name).any()]
+    stated = [dict(zip(present, by, strict=True)) for by in product(*(STATED[name] for name in present))]
+    scaled = [NoiseFit(stated=one).fixes(fixes, source=source) for one in stated]
+    judgements = [judged(one) for one in scaled]
+
+    def likelihood(odometry: float, which: int) -> float:
+        noise = NoiseFit(odometry).noise(usual)
+        return max(
+            log_likelihood(steps, scaled[which], noise=noise, judged=judgement)
+            for judgement in (None, judgements[which])
         )
-        for one in assumed
-    ]
-    return assumed[int(np.argmax(likelihoods))]
+
+    every = ODOMETRY if np.isfinite(steps.moves).any() else (1.0,)
+    first = every if len(present) < 2 else [one for one in every if one in FIRST]
+    found = {pair: likelihood(*pair) for pair in product(first, range(len(stated)))}
+    best = max(found, key=lambda pair: found[pair])[1]
+    found |= {(by, best): likelihood(by, best) for by in every if (by, best) not in found}
+    odometry, which = max(found, key=lambda pair: found[pair])
+    return NoiseFit(odometry, stated[which])

@@ -13,7 +13,7 @@ estimated from the fixes whose distances from their neighbours agree with the od
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,7 +22,13 @@ from numpy.typing import NDArray
 from webapp.core.geometry.robust import GATE_2D
 from webapp.missions.core.trajectory.alignment import start
 from webapp.missions.core.trajectory.motion import POSITION, Noise
-from webapp.missions.core.trajectory.smoother import AGREEING, AGREEING_S, Filter, OutlierLabels
+from webapp.missions.core.trajectory.smoother import (
+    AGREEING,
+    AGREEING_S,
+    Filter,
+    OutlierLabels,
+    log_likelihood,
+)
 from webapp.missions.core.trajectory.steps import Fixes, Floats, Steps, path
 
 GROWTH = 1.8
@@ -39,17 +45,27 @@ NEIGHBOURS = 4
 DISTANCE_TOLERANCE = 0.05
 """Tolerance of distances for scale and turn errors of the odometry, as a fraction of the path length."""
 
+LEADING = (0, 3, 6)
+"""Numbers of first fixes that a receiver which has just started may have wrong together."""
+
 READMISSIONS = 3
 """Largest number of rounds in which rejected fixes are tested again against the track without them."""
 
 
 def find_outliers(
-    steps: Steps, fixes: Fixes, *, noise: Noise, check: Callable[[int], None] = lambda _: None
+    steps: Steps,
+    fixes: Fixes,
+    *,
+    noise: Noise,
+    leading: Sequence[int] = (0,),
+    check: Callable[[int], None] = lambda _: None,
 ) -> OutlierLabels | None:
     """Judge all fixes jointly; a run of wrong fixes that agree with each other begins a new piece.
 
     Args:
         fixes: At least one.
+        leading: Numbers of first fixes that are assumed to be wrong together, in turn; the assumption under
+            which all fixes are most likely is kept.
         check: Called now and then; raises if the work was cancelled.
 
     Returns:
@@ -57,6 +73,17 @@ def find_outliers(
     """
     if not np.isfinite(steps.moves).any():
         return None
+    assumed = [few for few in leading if few < len(fixes) // 2] or [0]
+    found = [_labels(steps, fixes, noise=noise, leading=few, check=check) for few in assumed]
+    if len(found) == 1:
+        return found[0]
+    return max(found, key=lambda labels: log_likelihood(steps, fixes, noise=noise, judged=labels))
+
+
+def _labels(
+    steps: Steps, fixes: Fixes, *, noise: Noise, leading: int, check: Callable[[int], None]
+) -> OutlierLabels:
+    """Judge all fixes, except for the `leading` first ones, which are assumed to be wrong."""
     gated = np.zeros(len(fixes), dtype=bool)
     begins: list[int] = []
     waiting = [(0, len(steps))]
@@ -64,7 +91,9 @@ def find_outliers(
         begin, end = waiting.pop()
         mine = (fixes.node >= begin) & (fixes.node < end)
         if mine.any():
-            gated[mine] = _judge(steps, fixes, noise=noise, begin=begin, end=end, check=check)[mine]
+            few = leading if begin == 0 and mine.sum() > 2 * leading else 0
+            piece = range(begin, end)
+            gated[mine] = _judge(steps, fixes, noise=noise, piece=piece, leading=few, check=check)[mine]
         split = _first_of_consistent_run(steps, fixes, np.flatnonzero(mine), gated=gated, noise=noise)
         if split is None or not begin < split < end:
             begins.append(begin)
@@ -75,11 +104,17 @@ def find_outliers(
 
 
 def _judge(
-    steps: Steps, fixes: Fixes, *, noise: Noise, begin: int, end: int, check: Callable[[int], None]
+    steps: Steps, fixes: Fixes, *, noise: Noise, piece: range, leading: int, check: Callable[[int], None]
 ) -> NDArray[np.bool_]:
-    """Return which fixes are wrong (m,); only those at nodes from `begin` to before `end` are judged."""
+    """Return which fixes are wrong (m,); only those at the nodes of a piece are judged."""
+    begin, end = piece.start, piece.stop
     mine = (fixes.node >= begin) & (fixes.node < end)
     weight = _consistent(steps, fixes, mine=mine, noise=noise).astype(np.float64)
+    held = np.zeros(len(fixes), dtype=bool)
+    held[np.flatnonzero(mine)[:leading]] = True
+    weight[held] = 0.0
+    if not weight.any():
+        weight[mine & ~held] = 1.0
     filter = Filter(steps, fixes, noise=noise, weight=weight)
     begun = start(steps, fixes.take((weight > 0) & (fixes.node >= begin)), begin=begin, noise=noise)
     filter.forward(begin, begun, check=check, end=end)
@@ -95,13 +130,13 @@ def _judge(
     solve()
     distance, control = solve(), INITIAL_MU
     for _ in range(MOST_STEPS):
-        weight[:] = _weights(distance, control)
+        weight[:] = np.where(held, 0.0, _weights(distance, control))
         distance = solve()
         if ((weight < 1e-3) | (weight > 1 - 1e-3)).all():
             break
         control *= GROWTH
     for _ in range(READMISSIONS):
-        gated = _far(filter, fixes, weight) & mine
+        gated = (_far(filter, fixes, weight) | held) & mine
         if np.array_equal(gated, weight < 0.5):
             break
         weight[:] = ~gated

@@ -34,6 +34,9 @@ AGREEING_S = 10.0
 OUTLIERS = 0.01
 """Prior fraction of wrong fixes; also the likelihood factor of each piece."""
 
+AFTER_WRONG = 0.5
+"""Prior probability of a wrong fix after another: a receiver that starts or is shadowed errs for a while."""
+
 OUTLIER_RADIUS_M = 100.0
 """Wrong fixes are modelled as uniform over a disc of this radius."""
 
@@ -128,10 +131,12 @@ def log_likelihood(steps: Steps, fixes: Fixes, *, noise: Noise, judged: OutlierL
         begun = filter.begun(node)
         node = filter.forward(node, begun, end=None if ends is None else ends[pieces])
         pieces += 1
-    share = OUTLIERS if judged is None else max(OUTLIERS, float((judged.weight == 0.0).mean()))
     density = np.exp(-(filter.distance + filter.log_determinant) / 2) / (2 * math.pi)
+    share: float | Floats = OUTLIERS
     if judged is not None:
-        density = np.where(judged.weight == 0.0, 0.0, density)
+        wrong = judged.weight == 0.0
+        density = np.where(wrong, 0.0, density)
+        share = np.where(np.append(False, wrong[:-1]), AFTER_WRONG, max(OUTLIERS, float(wrong.mean())))
     anywhere = share / (math.pi * OUTLIER_RADIUS_M**2)
     return float(np.log((1 - share) * density + anywhere).sum() + pieces * math.log(OUTLIERS))
 
