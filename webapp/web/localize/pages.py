@@ -22,7 +22,7 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.evaluation.stored import Miss, StoredEvaluation
 from webapp.tasks.localize.index_location import has_landmarks
-from webapp.tasks.localize.make_plan import can_reconstruct
+from webapp.tasks.localize.open_pipeline import can_reconstruct
 from webapp.tasks.maps import examples
 from webapp.tasks.maps.library_map import georeference
 from webapp.web.context import account, library, reading_map, settings
