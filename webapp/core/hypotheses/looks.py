@@ -2,8 +2,9 @@
 
 Each look gives a place odds against "not on this map". Which look is more reliable differs from map to map,
 so their odds are combined by a second calibrated softmax (stacked generalization, Wolpert 1992), fitted on
-the trials that the looks themselves are calibrated on. A look's evidence for a place is log(1 + odds): zero
-if it does not name the place, and about the log-odds if it is certain.
+the trials that the looks themselves are calibrated on. A look's evidence for a place is
+log(1 + odds / trace): zero if it does not name the place, and otherwise about the log-odds above those of a
+mere trace, so that weak evidence keeps its order.
 """
 
 from __future__ import annotations
@@ -22,7 +23,10 @@ from webapp.core.hypotheses.model import Answer, Hypothesis
 
 LOOKS = 2
 
-DEFAULT = Calibration(slope=(0.8, 1.0), offset=-2.4, radius_scale=1.0)
+_TRACE = 0.01
+"""Odds below which evidence counts as hardly any."""
+
+DEFAULT = Calibration(slope=(0.8, 1.0), offset=-6.1, radius_scale=1.0)
 """Fitted on the queries of maps of several kinds, each left out in turn: the values differ little."""
 
 CERTAIN = 0.9
@@ -60,7 +64,7 @@ def evidence_of_looks(
     for spot, row in zip(spots, evidence, strict=True):
         for n, hypothesis in spot.members:
             odds = hypothesis.probability / max(off_map[n], hypothesis.probability / _LARGEST)
-            row[n] = max(row[n], math.log1p(odds))
+            row[n] = max(row[n], math.log1p(odds / _TRACE))
     return [spot.members for spot in spots], evidence
 
 
