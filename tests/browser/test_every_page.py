@@ -14,6 +14,7 @@ PAGES = {
     "bin": "/bin",
     "account": "/account",
     "people": "/people",
+    "models": "/server/models",
     "edit": "/maps/sample/edit",
     "image": "/maps/sample/image",
     "localize": "/maps/sample/localize",

@@ -19,7 +19,7 @@ from webapp.web.counting import CountingStorage
 from webapp.web.errors import status_of
 from webapp.web.language import LANGUAGES
 
-PAGES = ["/", "/bin", "/account", "/people", "/maps/park/jobs", "/maps/park/settings"]
+PAGES = ["/", "/bin", "/account", "/people", "/server/models", "/maps/park/jobs", "/maps/park/settings"]
 
 
 def shape(answer):

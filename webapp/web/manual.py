@@ -25,6 +25,7 @@ _OF_PAGES = {
     "installable": "field",
     "account_pages": "operating#accounts",
     "people_pages": "operating#accounts",
+    "model_pages": "features#models-that-you-supply",
 }
 """Chapter of a view, or of all views of a blueprint."""
 
