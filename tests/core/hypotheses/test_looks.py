@@ -1,12 +1,17 @@
 """Two looks at one photo give one answer, each weighted by its certainty."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
 from tests.core.hypotheses.test_joint import answer, place
+from webapp.core.geometry.estimate import NoPose
 from webapp.core.hypotheses.calibration import Calibration
+from webapp.core.hypotheses.jsonform import answer_from_json, answer_to_json
 from webapp.core.hypotheses.looks import DEFAULT, combine_looks, evidence_of_looks, is_certain
+from webapp.core.hypotheses.model import AnswerSource
+from webapp.core.hypotheses.verdict import verdict_of
 
 EQUAL = Calibration(slope=(1.0, 1.0), offset=-6.6, radius_scale=1.0)
 
@@ -103,3 +108,24 @@ def test_a_computed_position_goes_before_a_photo_of_about_the_same_probability()
     first = combine(photo, computed).hypotheses[0]
     assert (first.kind, first.position.x) == ("position", pytest.approx(6.0))
     assert first.experiences == (1, 2)
+
+
+BLANK = replace(answer(off=1.0), off_map_probability=None, no_pose=NoPose("nothing to see", blank=True))
+
+
+def test_a_blank_look_leaves_the_answer_to_the_other():
+    joint = combine(BLANK, answer(place(0, 0.9), off=0.05))
+    assert joint.hypotheses[0].position.x == pytest.approx(0.0)
+    assert verdict_of(joint) == "place"
+    elsewhere = combine(BLANK, replace(answer(off=1.0), no_pose=NoPose("no match")))
+    assert (verdict_of(elsewhere), elsewhere.off_map_probability) == ("off_map", 1.0)
+
+
+def test_nothing_to_see_is_no_place_and_not_off_the_map():
+    joint = combine(BLANK, BLANK)
+    assert not joint.no_pose and joint.off_map_probability is None
+    assert verdict_of(joint) == "nothing_to_see"
+    form = answer_to_json(joint, query="q.jpg", source=AnswerSource("auto", "sift", None, 1))
+    assert (form["verdict"], form["no_pose"], form["hypotheses"]) == ("nothing_to_see", "nothing to see", [])
+    assert form["sentence"].startswith("Nothing to recognise")
+    assert verdict_of(answer_from_json(form)) == "nothing_to_see"

@@ -104,16 +104,30 @@ def combine_looks(
         fuse_place(places[n], probability=float(probability[n]), place_radius_px=place_radius_px)
         for n in order
     ]
-    best = answers[places[order[0]][0][0]] if fused else answers[0]
+    if not fused:
+        return _nowhere(answers)
+    best = answers[places[order[0]][0][0]]
     shown = {e.experience for e in best.evidence}
     further = (e for a in answers for e in a.evidence if e.experience not in shown)
     whole = replace(
         best,
         off_map_probability=off,
         other_probability=0.0,
-        no_pose=None if fused else best.no_pose,
+        no_pose=None,
         evidence=(*best.evidence, *further),
         looks=tuple(name for a in answers for name in a.looks),
-        seconds={s: sum(a.seconds.get(s, 0.0) for a in answers) for s in best.seconds},
+        seconds=_total_seconds(answers),
     )
     return truncate(rerank(whole, fused), top)
+
+
+def _nowhere(answers: Sequence[Answer]) -> Answer:
+    """Return the first look that saw something but no place; if none saw anything, the first one."""
+    seen = [a for a in answers if a.no_pose is None or not a.no_pose.blank]
+    looks = tuple(name for a in answers for name in a.looks)
+    return replace((*seen, *answers)[0], looks=looks, seconds=_total_seconds(answers))
+
+
+def _total_seconds(answers: Sequence[Answer]) -> dict[str, float]:
+    stages = dict.fromkeys(stage for a in answers for stage in a.seconds)
+    return {stage: sum(a.seconds.get(stage, 0.0) for a in answers) for stage in stages}
