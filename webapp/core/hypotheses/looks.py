@@ -26,7 +26,7 @@ LOOKS = 2
 _TRACE = 0.01
 """Odds below which evidence counts as hardly any."""
 
-DEFAULT = Calibration(slope=(0.8, 1.0), offset=-6.1, radius_scale=1.0)
+DEFAULT = Calibration(slope=(0.8, 1.0), offset=-6.5, radius_scale=1.0)
 """Fitted on the queries of maps of several kinds, each left out in turn: the values differ little."""
 
 CERTAIN = 0.9

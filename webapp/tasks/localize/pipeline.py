@@ -212,15 +212,16 @@ class LocalizationPipeline:
         one, *other = self.looks
         first = one.join([one.localize(photo, hide=hide, include=include) for photo in photos])
         if not other or looks.is_certain(first):
-            return truncate(first, top)
+            return photos[0].on_file(truncate(first, top))
         (two,) = other
         turns = first.quarter_turns
         upright = [replace(photo, seconds=0.0).turned(turns) for photo in photos]
         further = two.join([two.localize(photo, hide=hide, include=include) for photo in upright])
         further = replace(upright[0].turned_back(further, quarters=turns), fov=first.fov)
-        return looks.combine_looks(
+        combined = looks.combine_looks(
             (first, further), calibration=self.both, place_radius_px=self.place_radius_px, top=top
         )
+        return photos[0].on_file(combined)
 
     def _read(self, photo_path: Path) -> list[QueryPhoto]:
         described = (look.opened.indexed.global_descriptors for look in self.looks)
