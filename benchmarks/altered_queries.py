@@ -1,4 +1,4 @@
-"""Measures answers to altered queries: bars as in screenshots, crops, other focal lengths, dim, blurred, rotated.
+"""Measures answers to altered queries: bars as in screenshots, crops, dim, blurred, rotated.
 
 An answer is honest if its first place is within the place radius, if its 95 % circle (twice the stated 68 %
 radius) contains the truth, or if its probability is below one half. The share of honest answers should be
@@ -49,9 +49,7 @@ def with_bars(photo: Photo) -> Photo:
     """Put the photo between bars as on a phone held upright, with a line of status above."""
     height, width = photo.shape[:2]
     more = max(0, int(width * 19.5 / 9.0) - height)
-    shot = cv2.copyMakeBorder(
-        photo, more // 2, more - more // 2, 0, 0, cv2.BORDER_CONSTANT, value=(12, 12, 12)
-    )
+    shot = np.pad(photo, ((more // 2, more - more // 2), (0, 0), (0, 0)), constant_values=12)
     size = max(width / 900.0, 0.2)
     if more:
         cv2.putText(shot, "12:34", (width // 20, more // 8 + 8), cv2.FONT_HERSHEY_SIMPLEX, size, (240,) * 3)

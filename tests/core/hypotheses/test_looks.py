@@ -13,7 +13,7 @@ from webapp.core.hypotheses.looks import DEFAULT, combine_looks, evidence_of_loo
 from webapp.core.hypotheses.model import AnswerSource
 from webapp.core.hypotheses.verdict import verdict_of
 
-EQUAL = Calibration(slope=(1.0, 1.0), offset=-6.6, radius_scale=1.0)
+EQUAL = Calibration(slope=(1.0, 1.0), offset=-5.5, radius_scale=1.0)
 
 
 def combine(*answers, calibration=EQUAL):
@@ -56,7 +56,7 @@ def test_no_hypotheses_at_all_is_not_on_the_map_either():
 
 def test_a_steeper_slope_makes_a_look_count_more():
     one, two = answer(place(0, 0.7), off=0.3), answer(place(300, 0.7), off=0.3)
-    first = combine(one, two, calibration=Calibration(slope=(2.0, 0.5), offset=-6.6, radius_scale=1.0))
+    first = combine(one, two, calibration=Calibration(slope=(2.0, 0.5), offset=-5.5, radius_scale=1.0))
     assert [h.position.x for h in first.hypotheses] == [0.0, 300.0]
 
 
@@ -79,7 +79,7 @@ def test_weak_evidence_keeps_its_order():
 def test_evidence_is_the_logarithm_of_the_odds_above_a_trace():
     places, evidence = evidence_of_looks([[place(0, 0.6)], [place(4, 0.2)]], [0.2, 0.8], radius_px=10.0)
     assert len(places) == 1
-    assert evidence[0].tolist() == pytest.approx([math.log(301.0), math.log(26.0)])
+    assert evidence[0].tolist() == pytest.approx([math.log(101.0), math.log(1.0 + 0.25 / 0.03)])
 
 
 def test_certainty_and_impossibility_stay_finite():

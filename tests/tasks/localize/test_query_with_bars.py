@@ -40,7 +40,7 @@ def test_the_photo_inside_is_read_with_its_own_field_of_view(shot):
 
 
 def test_matches_are_in_pixels_of_the_file(shot, quick):
-    cfg, path, (height, width) = shot
+    cfg, path, _ = shot
     opened = open_first_look(cfg, OpenOptions(method="vote"), settings=quick, progress=Progress())
     answer = LocalizationPipeline("vote", (Look(opened),)).localize(path, top=3)
     assert answer.hypotheses[0].experiences[0] == 1

@@ -23,10 +23,10 @@ from webapp.core.hypotheses.model import Answer, Hypothesis
 
 LOOKS = 2
 
-_TRACE = 0.01
+_TRACE = 0.03
 """Odds below which evidence counts as hardly any."""
 
-DEFAULT = Calibration(slope=(0.8, 1.0), offset=-6.5, radius_scale=1.0)
+DEFAULT = Calibration(slope=(0.8, 1.0), offset=-5.6, radius_scale=1.0)
 """Fitted on the queries of maps of several kinds, each left out in turn: the values differ little."""
 
 CERTAIN = 0.9
