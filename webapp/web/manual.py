@@ -25,7 +25,7 @@ _OF_PAGES = {
     "installable": "field",
     "account_pages": "operating#accounts",
     "people_pages": "operating#accounts",
-    "model_pages": "features#models-that-you-supply",
+    "model_pages": "operating#models",
 }
 """Chapter of a view, or of all views of a blueprint."""
 
