@@ -2543,8 +2543,6 @@ export interface components {
             method?: string;
             /** @description Why there is no position; null where there is one. */
             no_pose?: string | null;
-            /** @description Why there is no place; missing if there is one. */
-            no_pose?: string;
             /** @description Why there is less than was asked for; else it is missing. */
             note?: string;
             /** @description That it was not taken on this map; null: not known. */
