@@ -39,6 +39,17 @@ def test_the_photo_inside_is_read_with_its_own_field_of_view(shot):
     )
 
 
+def test_a_stated_field_of_view_is_that_of_the_file(shot, tmp_path):
+    _, path, (height, width) = shot
+    (query,) = read_query(path, settings=Settings(), fov_deg=60.0, describe=None)
+    assert query.fov.degrees == pytest.approx(60.0)  # bars above and below do not change it
+    sides = np.pad(cv2.imread(str(path))[TOP : TOP + height], ((0, 0), (width // 2, width // 2), (0, 0)))
+    cv2.imwrite(str(tmp_path / "sides.png"), sides)
+    (query,) = read_query(tmp_path / "sides.png", settings=Settings(), fov_deg=90.0, describe=None)
+    assert query.gray.full_size == (width, height)
+    assert query.fov.degrees == pytest.approx(53.13, abs=0.01)
+
+
 def test_matches_are_in_pixels_of_the_file(shot, quick):
     cfg, path, _ = shot
     opened = open_first_look(cfg, OpenOptions(method="vote"), settings=quick, progress=Progress())

@@ -138,7 +138,7 @@ def read_query(
     """Read a photo; a panorama with the metadata of one is cut into views. Raises PhotoError.
 
     Args:
-        fov_deg: Horizontal field of view of a photo, instead of the one in its EXIF.
+        fov_deg: Horizontal field of view of a photo, with its bars, instead of the one in its EXIF.
         describe: Computes the global descriptor.
     """
     started = time.perf_counter()
@@ -150,6 +150,7 @@ def read_query(
     # A camera that states its field of view makes no bars.
     inside = None if facts.fov_deg is not None else _inside_bars(gray)
     if inside is not None:
+        fov_deg = None if fov_deg is None else _of_part(fov_deg, gray.full_size[0], inside)
         full = read_gray(path, limits=limits).pixels[inside.top : inside.bottom, inside.left : inside.right]
         gray = scaled_gray(np.ascontiguousarray(full), settings.extract.max_side_px)
     vector = None
@@ -161,6 +162,12 @@ def read_query(
     fov = _field_of_view(facts, gray, given=fov_deg)
     origin = (0, 0) if inside is None else (inside.left, inside.top)
     return [QueryPhoto(gray, fov, vector, time.perf_counter() - started, origin=origin)]
+
+
+def _of_part(fov_deg: float, width: int, part: Inside) -> float:
+    """Convert the horizontal field of view of a file to that of the photo inside its bars."""
+    half = math.tan(math.radians(fov_deg) / 2.0) * (part.right - part.left) / width
+    return math.degrees(2.0 * math.atan(half))
 
 
 def _inside_bars(gray: GrayPhoto) -> Inside | None:
