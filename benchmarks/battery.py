@@ -11,8 +11,10 @@ Columns, for each map, features and method:
 - right: share of the queries whose first hypothesis is within the place radius, or within the distance given
   by --within for the map; the same for every method; "- vote": difference to `vote` with these features, or
   for `auto`, which chooses features itself, to the better one;
-- median px; ECE; "in radius" (target: 68 %); answered at 99 %; refused: "not on this map";
-- foreign: share of the --foreign photos that got a place with a probability of at least 0.5;
+- median px; ECE; "in radius" (target: 68 %); answered at 99 %; refused: "not on this map"; "but right":
+  share of the queries that were refused though their first hypothesis was right;
+- foreign: share of the --foreign photos that got a place with a probability of at least 0.5; "off": their
+  median probability of "not on this map";
 - ms: median time of a query; MB: peak of the process; build s, calibrate s.
 
 --baseline is another program with the interface described in `benchmarks.side_by_side`, such as
@@ -30,7 +32,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from benchmarks.figures import plain, ratio, strangers, table
+from benchmarks.figures import plain, ratio, refused_though_right, strangers, table
 from benchmarks.processes import ProgramFailed, run
 from benchmarks.side_by_side import MISSING_PART, SOME_FAILED, photos_in
 
@@ -46,7 +48,9 @@ COLUMNS = {
     "in radius": plain("radius_coverage", 2),
     "at 99 %": plain("answered_at_99_precision", 2),
     "refused": plain("refused", 2),
+    "but right": plain("refused_though_right", 2),
     "foreign": plain("foreign_share"),
+    "off": plain("foreign_off_map_p50", 2),
     "ms": plain("seconds_per_query_p50", 0, times=1e3),
     "MB": plain("peak_rss_mb", 0),
     "build s": plain("build_seconds", 0),
@@ -103,7 +107,9 @@ def _measure(
         # `vote` has no relative poses, by which the kind of a map is detected: use one radius for all methods
         right_px = right_px or found[-1]["place_radius_px"]
     for row in found:
-        errors = [query["error_px"] for query in row.pop("per_query", [])]
+        queries = row.pop("per_query", [])
+        errors = [query["error_px"] for query in queries]
+        row["refused_though_right"] = refused_though_right(queries, right_px) if "abstained" in row else None
         row["right"] = ratio(sum(e is not None and e <= right_px for e in errors), len(errors))
         row["refused"] = ratio(row["abstained"], row["queries"]) if "abstained" in row else None
     votes = {row["features"]: row["right"] for row in found if row["method"] == "vote"}

@@ -54,11 +54,12 @@ def strangers(answers: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     -------
     dict
         Number of photos; number placed with a probability of at least 0.5, their share and its 95 % interval;
-        largest probability and the 99 % quantile. A photo's probability is that of its most probable place, 0
-        without a place.
+        largest probability and the 99 % quantile; median of "not on this map". A photo's probability is that
+        of its most probable place, 0 without a place.
     """
     used = [answer for answer in answers if "error" not in answer]
     sure = [max((h["probability"] for h in a["hypotheses"]), default=0.0) for a in used]
+    off = [a["off_map_probability"] for a in used if a.get("off_map_probability") is not None]
     placed = sum(p >= 0.5 for p in sure)
     return {
         "foreign_photos": len(used),
@@ -68,7 +69,23 @@ def strangers(answers: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "foreign_interval": list(wilson(placed, len(used))),
         "foreign_largest": max(sure),
         "foreign_q99": percentile(sure, 99),
+        "foreign_off_map_p50": percentile(off, 50),
     }
+
+
+def refused_though_right(queries: Sequence[Mapping[str, Any]], right_px: float) -> float | None:
+    """Return the share of queries that are "not on this map" though their first hypothesis is right.
+
+    Args:
+        queries: `per_query` of `evaluate --json`.
+    """
+    refused = 0
+    for query in queries:
+        answer, error = query["answer"], query["error_px"]
+        off, places = answer.get("off_map_probability"), answer.get("hypotheses")
+        lost = bool(places) and off is not None and off > places[0]["probability"]
+        refused += lost and error is not None and error <= right_px
+    return ratio(refused, len(queries))
 
 
 def per_photo_kb(peak_mb: float, one_photo_mb: float, *, photos: int) -> float:

@@ -8,7 +8,9 @@ the --index folder is reused. For each map the default coefficients of the calib
 queries of all other maps, with equal weight for each map, and its own calibration, on its photos, is
 regularised towards these. Columns, for each map and features: share of right first answers and calibration
 error (ECE), with the program's defaults, which were fitted on all of these maps, and with the held-out ones;
-each after calibration on the map's own photos and, "uncalibrated", without it.
+each after calibration on the map's own photos and, "uncalibrated", without it. "but right" is the share of
+queries that are "not on this map" though the first place is right, "off" the median of "not on this map" of
+the --foreign photos.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.figures import plain, table
+from benchmarks.figures import percentile, plain, table
 from benchmarks.side_by_side import photos_in
 from webapp.configuration import load_settings
 from webapp.core.evaluation.metrics import expected_calibration_error
@@ -44,8 +46,12 @@ COLUMNS = {
     "queries": plain("queries", 0),
     "right": plain("right"),
     "ECE": plain("ece"),
+    "but right": plain("refused_though_right", 2),
+    "off": plain("foreign_off_map_p50", 2),
     "held out: right": plain("held_out_right"),
     "held out: ECE": plain("held_out_ece"),
+    "held out: but right": plain("held_out_refused_though_right", 2),
+    "held out: off": plain("held_out_foreign_off_map_p50", 2),
     "uncalibrated: ECE": plain("uncalibrated_ece"),
     "held out and uncalibrated: ECE": plain("held_out_uncalibrated_ece"),
 }
@@ -129,13 +135,20 @@ def _case(pipeline: LocalizationPipeline, path: Path, truth: Sequence[float] | N
 
 def _row(one: Measured, others: Sequence[Measured]) -> dict[str, Any]:
     held_out = _defaults(others)
-    shipped, fitted = (_figures(one.queries, one.calibrated(start)) for start in (DEFAULT, held_out))
+    calibrated = [one.calibrated(start) for start in (DEFAULT, held_out)]
+    shipped, fitted = (_figures(one.queries, calibration) for calibration in calibrated)
+    refused = [_refused_though_right(one.queries, calibration) for calibration in calibrated]
+    off = [percentile(_off_map(one.foreign, calibration), 50) for calibration in calibrated]
     plainly, alone = (_figures(one.queries, start) for start in (DEFAULT, held_out))
     return {
         "name": one.name,
         "queries": len(one.queries),
         "right": shipped[0],
         "ece": shipped[1],
+        "refused_though_right": refused[0],
+        "held_out_refused_though_right": refused[1],
+        "foreign_off_map_p50": off[0],
+        "held_out_foreign_off_map_p50": off[1],
         "held_out_right": fitted[0],
         "held_out_ece": fitted[1],
         "uncalibrated_ece": plainly[1],
@@ -166,6 +179,19 @@ def _figures(cases: Sequence[Case], calibration: Calibration) -> tuple[float, fl
         stated.append(0.0 if first is None else float(place[first]))
         happened.append(first is not None and bool(case.right[first]))
     return float(np.mean(happened)), expected_calibration_error(stated, happened)
+
+
+def _refused_though_right(cases: Sequence[Case], calibration: Calibration) -> float:
+    """Return the share of cases in which "not on this map" leads, but the first place is right."""
+    refused = 0
+    for case in cases:
+        place, off = probabilities(case.evidence, calibration)
+        refused += bool(len(place) and off > place.max() and case.right[int(place.argmax())])
+    return refused / len(cases)
+
+
+def _off_map(cases: Sequence[Case], calibration: Calibration) -> list[float]:
+    return [probabilities(case.evidence, calibration)[1] for case in cases]
 
 
 if __name__ == "__main__":

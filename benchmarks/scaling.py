@@ -43,9 +43,9 @@ from webapp.files.photos.photo import read_gray
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.localize import orient_map
-from webapp.tasks.localize.make_plan import make_plan
 from webapp.tasks.localize.open_index import open_index
 from webapp.tasks.localize.open_map import OpenMap
+from webapp.tasks.localize.open_pipeline import make_plan
 from webapp.tasks.localize.plan import OpenOptions
 from webapp.threads import in_threads
 

@@ -47,7 +47,7 @@ def _as_bytes(values: NDArray[np.floating[Any]]) -> Photo:
     return np.asarray(np.clip(np.rint(values), 0, 255), np.uint8)
 
 
-def _light(photo: Photo, share: float, noise: float) -> Photo:
+def dimmed(photo: Photo, share: float, noise: float) -> Photo:
     """Simulate the photo with a share of its light, with noise."""
     linear = (photo / 255.0) ** GAMMA * share
     grain = np.random.default_rng(photo.shape[0]).normal(0.0, noise, photo.shape) if noise else 0.0
@@ -64,7 +64,7 @@ def _saved_badly(photo: Photo) -> Photo:
     return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)
 
 
-def _turned(photo: Photo, degrees: float) -> Photo:
+def rotated(photo: Photo, degrees: float) -> Photo:
     """Rotate the content of the photo; the frame, and so the field of view, stays the same."""
     height, width = photo.shape[:2]
     turn = cv2.getRotationMatrix2D((width / 2, height / 2), degrees, 1.0)
@@ -73,15 +73,15 @@ def _turned(photo: Photo, degrees: float) -> Photo:
 
 CHANGES: dict[str, Callable[[Photo], Photo]] = {
     "as they are": lambda photo: photo,
-    "a twentieth of the light": lambda photo: _light(photo, 0.05, NOISE),
-    "a sixtieth of the light": lambda photo: _light(photo, 1 / 60, NOISE),
-    "three times the light": lambda photo: _light(photo, 3.0, 0.0),
+    "a twentieth of the light": lambda photo: dimmed(photo, 0.05, NOISE),
+    "a sixtieth of the light": lambda photo: dimmed(photo, 1 / 60, NOISE),
+    "three times the light": lambda photo: dimmed(photo, 3.0, 0.0),
     "fog": lambda photo: _as_bytes(0.25 * photo + 160.0),
     "blurred by 2.5 px": lambda photo: np.asarray(cv2.GaussianBlur(photo, (0, 0), 2.5), np.uint8),
     "320 px wide": _small,
     f"JPEG quality {BAD_QUALITY}": _saved_badly,
-    "held askew by 20 degrees": lambda photo: _turned(photo, 20.0),
-    "on its side": lambda photo: _turned(photo, 90.0),
+    "held askew by 20 degrees": lambda photo: rotated(photo, 20.0),
+    "on its side": lambda photo: rotated(photo, 90.0),
 }
 
 

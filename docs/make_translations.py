@@ -23,6 +23,7 @@ from babel.messages.pofile import read_po, write_po
 from webapp import errors
 from webapp.core.hypotheses.verdict import SENTENCES
 from webapp.core.mapmodel.model import FACTS
+from webapp.tasks.operate.models import PURPOSES
 
 ROOT = Path(__file__).resolve().parents[1]
 TRANSLATIONS = ROOT / "webapp" / "web" / "translations"
@@ -68,7 +69,7 @@ def gathered(domain: str) -> Catalog:
         for file, _line, message, _comments, context in found:
             catalog.add(message, locations=[(f"{folder}/{file}", 1)], context=context)
     if pages:
-        for text, place in sorted({*_of_errors(), *_of_jobs(), *_of_answers(), *_of_facts()}):
+        for text, place in sorted({*_of_errors(), *_of_jobs(), *_of_answers(), *_of_models(), *_of_facts()}):
             catalog.add(text, locations=[(place, 1)])
     return catalog
 
@@ -144,6 +145,12 @@ def _of_answers() -> Iterator[tuple[str, str]]:
     """Give the sentences that answers are said in."""
     for text in SENTENCES.values():
         yield text, "webapp/core/hypotheses/verdict.py"
+
+
+def _of_models() -> Iterator[tuple[str, str]]:
+    """Give what each model is for."""
+    for text in PURPOSES.values():
+        yield text, "webapp/tasks/operate/models.py"
 
 
 def _of_facts() -> Iterator[tuple[str, str]]:

@@ -5,9 +5,9 @@ from pathlib import Path
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.localize.make_plan import make_plan
 from webapp.tasks.localize.open_index import open_index
 from webapp.tasks.localize.open_map import OpenMap
+from webapp.tasks.localize.open_pipeline import make_plan
 from webapp.tasks.localize.plan import OpenOptions
 
 

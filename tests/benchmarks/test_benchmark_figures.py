@@ -43,6 +43,20 @@ def test_strangers_count_by_their_most_probable_place():
     assert 0.0 < low < 0.5 < high < 1.0
 
 
+def test_the_median_of_not_on_this_map_leaves_out_what_is_unknown():
+    answers = [{**answer(0.1), "off_map_probability": off} for off in (0.9, None, 0.7, 0.95)]
+    assert figures.strangers(answers)["foreign_off_map_p50"] == 0.9
+
+
+def test_refused_though_right_needs_both():
+    def query(probability, off, error):
+        return {"answer": {**answer(probability), "off_map_probability": off}, "error_px": error}
+
+    queries = [query(0.3, 0.6, 4.0), query(0.3, 0.6, 90.0), query(0.7, 0.2, 4.0), query(0.3, None, 4.0)]
+    assert figures.refused_though_right(queries, 10.0) == 0.25
+    assert figures.refused_though_right([], 10.0) is None
+
+
 def test_none_of_many_strangers_has_an_interval_from_zero():
     low, high = figures.wilson(0, 229)
     assert low == pytest.approx(0.0, abs=1e-12)

@@ -164,19 +164,22 @@ def test_a_guessed_field_of_view_is_reported_on_standard_error(expmap, cfg, phot
     assert "the field of view of 1.jpg is not known; 65° is assumed; --fov DEGREES" in err
 
 
-def test_a_photo_without_texture_is_not_on_the_map(expmap, cfg, tmp_path):
+def test_a_photo_without_texture_has_nothing_to_see(expmap, cfg, tmp_path):
     flat = tmp_path / "flat.png"
     cv2.imwrite(str(flat), cv2.imread(str(cfg.parent / "plan.png")))
     for method in ("vote", "verified"):
         code, out, _ = expmap("localize", cfg, flat, "--method", method)
         assert code == 0
-        assert out.startswith(f"{flat}: not on this map (no keypoints")
+        assert out.startswith(f"{flat}: no place (nothing to recognise: the photo is nearly uniform)")
         code, out, _ = expmap("localize", cfg, flat, "--method", method, "--json")
         (answer,) = json.loads(out)
         assert code == 0
         assert answer["hypotheses"] == []
         assert answer["statistics"]["keypoints"] == 0
-        assert answer["off_map_probability"] == (None if method == "vote" else 1.0)
+        assert answer["off_map_probability"] is None
+        assert answer["verdict"] == "nothing_to_see"
+        assert answer["sentence"].startswith("Nothing to recognise in this photo")
+        assert answer["no_pose"].endswith("the photo is nearly uniform")
 
 
 def test_top_limits_the_list(expmap, cfg, photos, tmp_path):

@@ -16,7 +16,8 @@ from webapp.cli.exitcodes import exit_code
 
 COMMANDS = [
     "sample", "map", "map check", "map from-photos", "map place-rest", "build", "localize", "find",
-    "evaluate", "landmarks", "landmarks build", "models", "models list", "models fetch", "serve", "worker",
+    "evaluate", "landmarks", "landmarks build", "models", "models list", "models fetch", "models check",
+    "serve", "worker",
     "mission", "mission list", "mission new", "mission import", "mission inspect", "mission export",
     "robot", "robot send", "robot replay", "robot recover", "robot status",
     "foxglove", "foxglove localize", "foxglove mission",

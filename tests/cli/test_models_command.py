@@ -1,6 +1,8 @@
 """`expmap models`, and messages about missing weights."""
 
 import json
+import re
+from dataclasses import replace
 
 import pytest
 
@@ -54,6 +56,7 @@ def test_a_global_descriptor_is_named_and_tried(expmap, models):
 def test_weights_from_a_folder_can_be_used(expmap, shared_models, models, monkeypatch):
     for model in ("faces", "plates"):  # they would be downloaded
         monkeypatch.delitem(MODELS, model)
+    monkeypatch.setitem(MODELS, "lighterglue", (replace(MODELS["lighterglue"][0], address=""),))
     code, out, err = expmap("models", "fetch", "xfeat", "--from", shared_models)
     assert code == 0
     assert out.strip() == str(models / "xfeat_800x576.onnx")
@@ -64,6 +67,22 @@ def test_weights_from_a_folder_can_be_used(expmap, shared_models, models, monkey
     assert err.startswith("lighterglue: not fetched; copy lighterglue_L3.onnx from a folder")
     assert expmap("models", "fetch", "--from", shared_models)[0] == 0
     assert expmap("models", "fetch")[0::2] == (0, "all models are already installed\n")
+
+
+def test_a_list_ends_with_what_is_missing_and_a_check_finds_nothing_to_check(expmap):
+    assert "xfeat and lighterglue not installed (6.5 MB)" in expmap("models", "list")[2]
+    assert expmap("models", "check", "--json") == (0, "[]\n", "")
+    assert "run expmap models fetch" in expmap("models", "check")[2]
+
+
+def test_a_check_prints_a_line_for_each_model(expmap, models):
+    models.mkdir()
+    (models / "disk.onnx").write_bytes(brightest("disk", count=50))
+    code, out, _ = expmap("models", "check")
+    assert code == 0 and re.fullmatch(r"disk: \d+ inliers of \d+ matches, \d+ ms\n", out)
+    (models / "aliked.onnx").write_bytes(b"no network")
+    code, out, err = expmap("models", "check")
+    assert code == 1 and "aliked: unusable: aliked.onnx" in out and "Traceback" not in err
 
 
 def test_an_empty_folder_is_an_error_that_says_where_to_get_them(expmap, tmp_path):

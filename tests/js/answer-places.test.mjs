@@ -68,6 +68,7 @@ test("pages and terminal call the same answers uncertain", () => {
     assert.equal(verdictOf({ hypotheses: [hypothesis(1, probability)], off_map_probability: off }), verdict);
   }
   assert.equal(verdictOf({ hypotheses: [], off_map_probability: 1 }), "off_map");
+  assert.equal(verdictOf({ hypotheses: [], off_map_probability: null, verdict: "nothing_to_see" }), "nothing_to_see");
 });
 
 test("places are hollow where something else leads, or where they are improbable; shares of votes never are", () => {

@@ -107,6 +107,8 @@ export interface components {
             method?: string;
             /** @description Photos of the map that cannot be found yet. */
             not_indexed?: number;
+            /** @description Why there is no place; missing if there is one. */
+            no_pose?: string;
             /** @description Why there is less than was asked for; else it is missing. */
             note?: string;
             /** @description That it was not taken on this map; null: not known. */
@@ -127,7 +129,7 @@ export interface components {
              * @description What leads, and with `perhaps_` that it is less probable than all else together.
              * @enum {string}
              */
-            readonly verdict?: "off_map" | "perhaps_off_map" | "perhaps_place" | "place";
+            readonly verdict?: "off_map" | "perhaps_off_map" | "perhaps_place" | "place" | "nothing_to_see";
         };
         AskIn: {
             /** Format: binary */
@@ -955,6 +957,8 @@ export interface components {
             map_kind?: "metric" | "areas" | "schematic" | "mixed";
             map_revision?: number;
             method?: string;
+            /** @description Why there is no place; missing if there is one. */
+            no_pose?: string;
             /** @description Why there is less than was asked for; else it is missing. */
             note?: string;
             /** @description That it was not taken on this map; null: not known. */
@@ -975,7 +979,7 @@ export interface components {
              * @description What leads, and with `perhaps_` that it is less probable than all else together.
              * @enum {string}
              */
-            readonly verdict?: "off_map" | "perhaps_off_map" | "perhaps_place" | "place";
+            readonly verdict?: "off_map" | "perhaps_off_map" | "perhaps_place" | "place" | "nothing_to_see";
         };
         MapChanges: {
             /** @description The lowest first; none: the map has one image alone. */
@@ -2565,7 +2569,7 @@ export interface components {
              * @description What leads, and with `perhaps_` that it is less probable than all else together.
              * @enum {string}
              */
-            readonly verdict?: "off_map" | "perhaps_off_map" | "perhaps_place" | "place";
+            readonly verdict?: "off_map" | "perhaps_off_map" | "perhaps_place" | "place" | "nothing_to_see";
         };
     };
     responses: {

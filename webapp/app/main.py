@@ -227,6 +227,10 @@ models_group = LazyGroup(
             "webapp.cli.models:fetch",
             "Fetch all models, or those named, into EXPMAP_MODELS or the user's cache.",
         ),
+        "check": LazyCommand(
+            "webapp.cli.models:check",
+            "Try each installed model on a pair of pictures, which the program draws.",
+        ),
     },
 )
 

@@ -14,6 +14,7 @@ from webapp.missions.tasks import fuse, thin_tracks
 from webapp.store.library import Library
 from webapp.store.operate.snapshot import PartContents
 from webapp.tasks.operate.backup import LibraryPart
+from webapp.tasks.operate.second_looks import queue_second_looks
 
 _KINDS = {
     **kinds.KINDS,
@@ -30,7 +31,7 @@ _KINDS = {
 
 REGISTRY = JobRegistry(
     kinds=_KINDS,
-    sweeps=(delete_mission.sweep, thin_tracks.sweep),
+    sweeps=(delete_mission.sweep, thin_tracks.sweep, queue_second_looks),
 )
 
 

@@ -24,7 +24,7 @@ from webapp.missions.web import pages as mission_pages
 from webapp.missions.web.context import PATH_PARAMETERS
 from webapp.settings import Settings
 from webapp.store.library import Library
-from webapp.web import installable, make_app, manual, metrics, operate
+from webapp.web import installable, make_app, manual, metrics, operate, operate_models
 from webapp.web.accounts import api_accounts
 from webapp.web.accounts import pages as accounts_pages
 from webapp.web.landmarks import api_cloud, api_place_rest, api_points
@@ -101,6 +101,8 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     metrics.blueprint,
     operate.jobs_api,
     operate.jobs_pages,
+    operate_models.pages,
+    operate_models.api,
     api_georeference.blueprint,
     api_places.blueprint,
     api_satellite.blueprint,
@@ -116,7 +118,7 @@ PARTS = Parts(
     blueprints=BLUEPRINTS,
     public_lists={"missions": shares.public},
     path_parameters=PATH_PARAMETERS,
-    operations=api_staged.OPERATIONS | mission_shares.OPERATIONS,
+    operations=api_staged.OPERATIONS | mission_shares.OPERATIONS | operate_models.OPERATIONS,
 )
 
 

@@ -1,4 +1,4 @@
-"""`expmap models`: list and fetch the weights of learned features."""
+"""`expmap models`: list, fetch and try the weights of networks."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from webapp.configuration import load_settings
 from webapp.core.features.entry import ModelFile
 from webapp.files.localize.models import MODELS, install_hint, models_folder
 from webapp.tasks.operate import models as task
+from webapp.tasks.operate.check_models import ModelCheck, check_models
 
 
 @click.command("list")
@@ -31,6 +32,8 @@ def list_models(as_json: bool) -> None:
     for state in states:
         why = f": {state.problem}" if state.problem else ""
         click.echo(f"{state.model}: {_line(state.file)}; {state.state}{why}")
+    if advice := task.advice(settings):
+        click.echo(advice, err=True)
 
 
 @click.command()
@@ -58,6 +61,33 @@ def fetch(names: tuple[str, ...], source: Path | None) -> None:
     for name in missing:
         if name not in wanted:
             click.echo(f"{name}: not fetched; {install_hint(MODELS[name][0])}", err=True)
+
+
+@click.command()
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON array.")
+def check(as_json: bool) -> None:
+    """Try each installed model on a pair of pictures, which the program draws.
+
+    Prints the matches, how many of them agree with the known warp between both (inliers), and the time. The
+    exit code is 1 if a model cannot be used.
+    """
+    checks = [*check_models(load_settings())]
+    if as_json:
+        click.echo(json.dumps([asdict(one) for one in checks]))
+    else:
+        for one in checks:
+            click.echo(f"{one.model}: {_result(one)}")
+        if not checks:
+            click.echo("no model is installed; run expmap models fetch", err=True)
+    if any(one.problem for one in checks):
+        raise SystemExit(1)
+
+
+def _result(one: ModelCheck) -> str:
+    if one.milliseconds is None:
+        return f"unusable: {one.problem}"
+    found = "" if one.inliers is None else f"{one.inliers} inliers of {one.matches} matches, "
+    return f"{found}{one.milliseconds:.0f} ms"
 
 
 def _line(file: ModelFile) -> str:

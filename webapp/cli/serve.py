@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Callable
 from contextlib import suppress
@@ -17,6 +18,8 @@ from webapp.jobs import serving
 from webapp.logs import FORMS, Form, log_to_stderr
 from webapp.store.library import open_library
 from webapp.tasks.operate.open_storage import open_storage
+
+_log = logging.getLogger(__name__)
 
 _NICENESS = 5
 """Niceness of a background worker: the pages have priority."""
@@ -85,12 +88,15 @@ def worker(composition: Composition, library: Path | None, once: bool, parent: i
     if parent is not None:
         _give_way()
     from webapp.jobs.worker import Worker  # loads OpenCV, which the server does not need
+    from webapp.tasks.operate.models import advice  # so does this
 
     log_to_stderr(log)
     settings = library_settings(library)
     telemetry.start(settings.traces)
     opened = open_library(settings.library, url=settings.database)
     open_storage(opened, settings)
+    if parent is not None and (said := advice(settings)):
+        _log.info(said)
     working = Worker(opened, settings, registry=composition.registry(), parent=parent)
     working.stop_on_signals()
     working.run(once=once)

@@ -31,6 +31,7 @@ KINDS: dict[str, str] = {
     "import": "webapp.jobs.map_jobs:import_map_zip",
     "index": "webapp.jobs.map_jobs:build_map_index",
     "landmarks": "webapp.jobs.map_jobs:build_landmarks",
+    "models": "webapp.jobs.model_jobs:fetch_models",
     "place-rest": "webapp.jobs.map_jobs:suggest_places",
     "satellite-pyramid": "webapp.jobs.map_jobs:make_satellite_tiles",
     "satellite-tiles": "webapp.jobs.map_jobs:fetch_satellite_tiles",

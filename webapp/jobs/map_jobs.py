@@ -32,8 +32,7 @@ from webapp.tasks.landmarks.reconstruct import reconstruct
 from webapp.tasks.landmarks.show_cloud import align_in_library
 from webapp.tasks.landmarks.surroundings import reconstruct_part
 from webapp.tasks.localize import build_map
-from webapp.tasks.localize.make_plan import make_plan
-from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.open_pipeline import make_plan, open_pipeline
 from webapp.tasks.localize.plan import MapPlan, OpenOptions
 from webapp.tasks.localize.trials import MOST_PHOTOS
 from webapp.tasks.maps import export, health

@@ -91,6 +91,8 @@ def poses_in_map(form: Form) -> tuple[list[int], list[float]]:
 
 def headline(form: Form) -> str:
     """Summarise an answer in one line."""
+    if form.get("verdict") == "nothing_to_see":
+        return "no place: nothing to recognise in the photo"
     if is_off_map(form):
         off = form["off_map_probability"]
         return "not on this map" if off is None else f"not on this map ({off:.0%})"

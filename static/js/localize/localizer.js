@@ -28,7 +28,10 @@ export class Localizer extends EventTarget {
     this.waiting = null;
     this._abort = null;
     this.store.on("jobs", () => this._jobs());
-    this.session.on("answer", () => byId("further").replaceChildren());
+    this.session.on("answer", () => {
+      byId("further").replaceChildren();
+      this._adviseOwner(this.session.answer);
+    });
   }
 
   /** Localize photos that were chosen, dropped or pasted. @param {File[]} files */
@@ -144,6 +147,12 @@ export class Localizer extends EventTarget {
     if (answer.not_indexed) notes.push(tn("{n} new photo of the map is not indexed yet.", "{n} new photos of the map are not indexed yet.", answer.not_indexed));
     for (const text of notes) byId("notes").append(note("info", text));
     this._offerMore(answer);
+  }
+
+  /** Tell the owner of the library, whose page has the line, that models are missing which would help. */
+  _adviseOwner(answer) {
+    const advice = document.getElementById("second-look-missing");
+    if (advice) advice.hidden = !answer || isSure(answer);
   }
 
   /** Offer ways to a more certain answer. */

@@ -149,6 +149,7 @@ export function kindName(kind) {
   const names = {
     blur: t("Faces and number plates"),
     index: t("Index"),
+    models: t("Fetching models"),
     import: t("Import"),
     export: t("Export"),
     duplicate: t("Copy"),

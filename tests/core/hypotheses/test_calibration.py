@@ -27,6 +27,26 @@ def test_more_evidence_is_more_probable():
     assert weak[0] < 0.5 < 0.9 < strong[0]
 
 
+@pytest.mark.parametrize("score", [0.0, -2.0])
+def test_places_without_evidence_have_no_mass_however_many_they_are(score):
+    evidence = np.zeros((30, EVIDENCE))
+    evidence[:, 1] = score
+    place, off_map = probabilities(evidence, DEFAULT)
+    assert off_map > 0.75
+    evidence[0] = 4.0, 0.8, 1.0, 2.0, 1.0, 0.0
+    place, _ = probabilities(evidence, DEFAULT)
+    assert place[0] > 0.9
+
+
+def test_less_evidence_than_by_chance_keeps_its_order():
+    weight = np.array([-6.0, -5.0, -1.0, 0.0, 0.1, 3.0, 30.0])
+    odds = calibration.log_odds(weight)
+    assert (np.diff(odds) > 0).all()
+    assert odds[-1] == pytest.approx(30.0) and odds[3] < -1.5
+    slope = (calibration.log_odds(weight + 1e-6) - odds) / 1e-6
+    assert calibration._log_odds_slope(weight) == pytest.approx(slope, rel=1e-4)
+
+
 def simulated(rng, count, truth):
     """Draw cases from a known model: two places and off-map."""
     cases = []

@@ -55,3 +55,9 @@ def test_what_is_not_a_fix_says_why(answer, why):
 def test_beyond_the_horizon_there_is_no_scale():
     horizon = Georeference(PLANE, (1, 0, 0, 0, -1, 0, 0, -0.1, 1), "projective")
     assert not visual_fix(answer(y_px=50.0), horizon)
+
+
+def test_a_photo_with_nothing_to_recognise_says_so_and_not_that_it_is_elsewhere():
+    blank = {"hypotheses": [], "off_map_probability": None, "verdict": "nothing_to_see"}
+    found = visual_fix(blank, EVEN)
+    assert not found and found.blank and found.reason == "the photo has nothing to recognise"

@@ -11,7 +11,7 @@ from webapp.core.geometry import so3
 from webapp.core.geometry.extrinsics import MapExtrinsics, empty_depths
 from webapp.settings import Settings
 from webapp.store.accounts import accounts
-from webapp.tasks.localize import sequence_state, spot
+from webapp.tasks.localize import spot, upload
 from webapp.tasks.localize.map_cache import MapCache
 from webapp.tasks.localize.plan import OpenOptions
 
@@ -48,7 +48,7 @@ def test_sequences_are_their_own(client, sample, ask, queries, library, sign_in,
 def test_old_ones_are_forgotten(client, sample, ask, queries, library):
     ask(client, queries / "query_01.jpg", sequence="a")
     (old,) = files(library)
-    past = time.time() - sequence_state.MAX_AGE_S - 1
+    past = time.time() - upload.SEQUENCE_EXPIRES_S - 1
     os.utime(old, (past, past))
     ask(client, queries / "query_01.jpg", sequence="b")
     assert old not in files(library) and len(files(library)) == 1

@@ -150,7 +150,8 @@ _XFEAT = ModelEntry(
             sha256="55a50801d21564c3cf5e3afe1d360dbbe8390ab3ca2c167f08d4d476504ac473",
             licence="Apache-2.0",
             source=_SOURCE,
-            address="",
+            address="https://raw.githubusercontent.com/meyiao/xfeatc/"
+            "230ee93c5a8514216dcdc8c64f9de606b681dfb2/model/xfeat_640x640.onnx",
         ),
     ),
     lambda model, _file: XFeatNetwork(model),
@@ -166,7 +167,8 @@ _LIGHTERGLUE = ModelEntry(
             licence="Apache-2.0",
             source="LighterGlue of github.com/verlab/accelerated_features, exported with 3 layers by the "
             "program of github.com/noahzhy/xfeat_lightglue_onnx",
-            address="",
+            address="https://raw.githubusercontent.com/noahzhy/xfeat_lightglue_onnx/"
+            "155f5e1b6c9453162c286eacb0003fa4b8461a9c/onnx/lighterglue_L3.onnx",
         ),
     ),
     lambda model, file: LightGlue(model, LIGHTERGLUE, file=file),

@@ -10,6 +10,7 @@ class NoPose:
     """No pose could be estimated, and the reason. Falsy."""
 
     reason: str
+    blank: bool = False  # The photo has nothing to recognise, which says nothing about the place
 
     def __bool__(self) -> bool:
         """Return False, as there is no pose."""

@@ -1,8 +1,10 @@
 """From evidence to probabilities: a softmax over the places found and "not on this map".
 
-Each place has a log-odds of being right, linear in its evidence; "not on this map" has zero. The
-probabilities are the softmax of these, so that they add up to 1. The coefficients are fitted on the map's
-own photos, hidden in turn; `DEFAULT` is used until then, and the fit is regularised towards it.
+The weight of a place is linear in its evidence. Its odds against "not on this map" grow like the exponential
+of the weight, but are near zero without evidence: places that are merely named do not add up to a
+probability of being on the map, however many they are. The probabilities are the softmax of the log-odds, so
+that they add up to 1. The coefficients are fitted on the map's own photos, hidden in turn; `DEFAULT` is used
+until then, and the fit is regularised towards it.
 """
 
 from __future__ import annotations
@@ -20,6 +22,13 @@ _GLOBAL = 5
 """Index of the value from the global descriptor. Without a model it is zero everywhere and then left out of
 the computation, so that results are the same to the last bit."""
 
+_SHARPNESS = 4.0
+"""Slope of the log-odds where the weight is negative; where it is large, the slope is 1. It is finite, so
+that weak evidence keeps its order."""
+
+_LEAST = 1e-300
+"""Added to positive numbers whose logarithm or reciprocal is needed."""
+
 _PRIOR_WEIGHT = 1.0
 """Strength of the penalty towards the default, in units of one photo; times the root of their number."""
 
@@ -32,7 +41,7 @@ class Calibration:
     """Coefficients of a map and a method."""
 
     slope: tuple[float, ...]
-    offset: float  # Log-odds of a place without any evidence, against "not on this map"
+    offset: float  # Log-odds of a place against "not on this map", minus its weight if that is large
     radius_scale: float  # 68 % radius over the standard deviation of an estimated position
     # Standard deviation of a query's distance from the best-matching photo, place radii.
     photo_sigma: float = 1.5
@@ -71,6 +80,25 @@ def _used(calibration: Calibration, evidence: Sequence[NDArray[np.float64]]) -> 
     return _GLOBAL if without else len(calibration.slope)
 
 
+def log_odds(weight: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Convert weights of places to log-odds without the offset: log(exp(weight) - 1), smoothed at zero."""
+    smooth = _softplus(weight)
+    odds: NDArray[np.float64] = smooth + np.log(-np.expm1(-smooth))
+    return odds
+
+
+def _softplus(weight: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the positive part of weights, smoothed."""
+    return np.logaddexp(0.0, _SHARPNESS * weight) / _SHARPNESS + _LEAST
+
+
+def _log_odds_slope(weight: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the derivative of `log_odds`, from `_SHARPNESS` down to 1."""
+    rise = np.exp(-np.logaddexp(0.0, -_SHARPNESS * weight))
+    slope: NDArray[np.float64] = rise / -np.expm1(-_softplus(weight))
+    return slope
+
+
 def probabilities(
     evidence: NDArray[np.float64], calibration: Calibration
 ) -> tuple[NDArray[np.float64], float]:
@@ -83,7 +111,7 @@ def probabilities(
         place: (h,) float64
         off_map: It and `place` add up to 1.
     """
-    odds = weigh(evidence, calibration) + calibration.offset
+    odds = log_odds(weigh(evidence, calibration)) + calibration.offset
     top = max(0.0, float(odds.max(initial=0.0)))
     grown, off = np.exp(odds - top), float(np.exp(-top))
     total = grown.sum() + off
@@ -92,6 +120,8 @@ def probabilities(
 
 def fit(cases: Sequence[Case], *, start: Calibration = DEFAULT) -> tuple[tuple[float, ...], float]:
     """Fit slope and offset by penalised maximum likelihood (projected Newton, Bertsekas 1982).
+
+    The curvature of `log_odds` is left out of the Hessian (Fisher scoring), which keeps it positive definite.
 
     Args:
         start: The fit is regularised towards it, so that few cases change it little.
@@ -150,9 +180,15 @@ class _Stack:
         places[:, -1], right[:, -1] = True, ~right.any(axis=1)
         return cls(design, places, right, np.array([c.weight for c in cases]))
 
+    def _weight(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
+        weight: NDArray[np.float64] = np.einsum("nhk,k->nh", self.design[..., :-1], theta[:-1])
+        return weight
+
     def odds(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
         """Compute log-odds against "not on this map", (n, h + 1); -inf for padding."""
-        return np.where(self.places, np.einsum("nhk,k->nh", self.design, theta), -np.inf)
+        odds = log_odds(self._weight(theta)) + theta[-1]
+        odds[:, -1] = 0.0
+        return np.where(self.places, odds, -np.inf)
 
     def derivatives(self, theta: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Compute the gradient (k,) and the negated Hessian (k, k) of the log likelihood."""
@@ -161,10 +197,12 @@ class _Stack:
         p /= p.sum(axis=1, keepdims=True)
         target = np.where(self.right, p, 0.0)
         target /= np.maximum(target.sum(axis=1, keepdims=True), 1e-300)
-        mean = np.einsum("nh,nhk->nk", p, self.design)
-        gradient = np.einsum("n,nh,nhk->k", self.weight, target - p, self.design)
-        weighted = self.design * (self.weight[:, None] * p)[:, :, None]
-        curvature = np.einsum("nhj,nhk->jk", weighted, self.design)
+        design = self.design.copy()
+        design[..., :-1] *= _log_odds_slope(self._weight(theta))[..., None]
+        mean = np.einsum("nh,nhk->nk", p, design)
+        gradient = np.einsum("n,nh,nhk->k", self.weight, target - p, design)
+        weighted = design * (self.weight[:, None] * p)[:, :, None]
+        curvature = np.einsum("nhj,nhk->jk", weighted, design)
         return gradient, curvature - np.einsum("n,nj,nk->jk", self.weight, mean, mean)
 
 

@@ -40,6 +40,7 @@ def answer_to_json(answer: Answer, *, query: str, source: AnswerSource) -> dict[
         "other_probability": answer.other_probability,
         "off_map_probability": answer.off_map_probability,
         "statistics": asdict(answer.statistics),
+        **({"no_pose": answer.no_pose.reason} if answer.no_pose is not None else {}),
         "seconds": {stage: answer.seconds.get(stage) for stage in STAGES},
         "map_revision": source.map_revision,
         "map_kind": source.map_kind,
@@ -71,9 +72,13 @@ def answer_from_json(form: Mapping[str, Any]) -> Answer:
         hypotheses,
         form.get("off_map_probability"),
         form.get("other_probability", 0.0),
-        no_pose=None if hypotheses else NoPose("no match on this map"),
+        no_pose=None if hypotheses else _no_pose(form),
         statistics=MatchStatistics(0, 0, 0, None, None, None, None),
     )
+
+
+def _no_pose(form: Mapping[str, Any]) -> NoPose:
+    return NoPose(form.get("no_pose", "no match on this map"), blank=form.get("verdict") == "nothing_to_see")
 
 
 def failure_to_json(*, query: str, error: str) -> dict[str, Any]:

@@ -2,8 +2,9 @@
 
 Each look gives a place odds against "not on this map". Which look is more reliable differs from map to map,
 so their odds are combined by a second calibrated softmax (stacked generalization, Wolpert 1992), fitted on
-the trials that the looks themselves are calibrated on. A look's evidence for a place is log(1 + odds): zero
-if it does not name the place, and about the log-odds if it is certain.
+the trials that the looks themselves are calibrated on. A look's evidence for a place is
+log(1 + odds / trace): zero if it does not name the place, and otherwise about the log-odds above those of a
+mere trace, so that weak evidence keeps its order.
 """
 
 from __future__ import annotations
@@ -22,7 +23,10 @@ from webapp.core.hypotheses.model import Answer, Hypothesis
 
 LOOKS = 2
 
-DEFAULT = Calibration(slope=(0.8, 1.0), offset=-2.4, radius_scale=1.0)
+_TRACE = 0.03
+"""Odds below which evidence counts as hardly any."""
+
+DEFAULT = Calibration(slope=(0.8, 1.0), offset=-5.6, radius_scale=1.0)
 """Fitted on the queries of maps of several kinds, each left out in turn: the values differ little."""
 
 CERTAIN = 0.9
@@ -60,7 +64,7 @@ def evidence_of_looks(
     for spot, row in zip(spots, evidence, strict=True):
         for n, hypothesis in spot.members:
             odds = hypothesis.probability / max(off_map[n], hypothesis.probability / _LARGEST)
-            row[n] = max(row[n], math.log1p(odds))
+            row[n] = max(row[n], math.log1p(odds / _TRACE))
     return [spot.members for spot in spots], evidence
 
 
@@ -100,16 +104,30 @@ def combine_looks(
         fuse_place(places[n], probability=float(probability[n]), place_radius_px=place_radius_px)
         for n in order
     ]
-    best = answers[places[order[0]][0][0]] if fused else answers[0]
+    if not fused:
+        return _nowhere(answers)
+    best = answers[places[order[0]][0][0]]
     shown = {e.experience for e in best.evidence}
     further = (e for a in answers for e in a.evidence if e.experience not in shown)
     whole = replace(
         best,
         off_map_probability=off,
         other_probability=0.0,
-        no_pose=None if fused else best.no_pose,
+        no_pose=None,
         evidence=(*best.evidence, *further),
         looks=tuple(name for a in answers for name in a.looks),
-        seconds={s: sum(a.seconds.get(s, 0.0) for a in answers) for s in best.seconds},
+        seconds=_total_seconds(answers),
     )
     return truncate(rerank(whole, fused), top)
+
+
+def _nowhere(answers: Sequence[Answer]) -> Answer:
+    """Return the first look that saw something but no place; if none saw anything, the first one."""
+    seen = [a for a in answers if a.no_pose is None or not a.no_pose.blank]
+    looks = tuple(name for a in answers for name in a.looks)
+    return replace((*seen, *answers)[0], looks=looks, seconds=_total_seconds(answers))
+
+
+def _total_seconds(answers: Sequence[Answer]) -> dict[str, float]:
+    stages = dict.fromkeys(stage for a in answers for stage in a.seconds)
+    return {stage: sum(a.seconds.get(stage, 0.0) for a in answers) for stage in stages}

@@ -1,4 +1,4 @@
-"""Verdict on an answer (certain, uncertain or not on the map), and the sentence that states it.
+"""Verdict on an answer (certain, uncertain, not on the map, nothing to see), and the sentence that states it.
 
 Web pages implement the same rule in `verdict.js`.
 """
@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from webapp.core.hypotheses.model import Answer
 
-Verdict = Literal["off_map", "perhaps_off_map", "perhaps_place", "place"]
+Verdict = Literal["off_map", "perhaps_off_map", "perhaps_place", "place", "nothing_to_see"]
 
 SENTENCES: dict[tuple[Verdict, str], str] = {
     ("place", "position"): "At x %(x)s, y %(y)s.",
@@ -20,6 +20,7 @@ SENTENCES: dict[tuple[Verdict, str], str] = {
     ("perhaps_place", "photo"): "Uncertain, perhaps near the photo with id %(id)s at x %(x)s, y %(y)s.",
     ("perhaps_off_map", ""): "Uncertain, perhaps not on this map.",
     ("off_map", ""): "Probably not on this map.",
+    ("nothing_to_see", ""): "Nothing to recognise in this photo: it is too dark, too plain or too blurred.",
 }
 """By verdict and kind of the first place; the kind is empty where no place leads."""
 
@@ -28,6 +29,8 @@ _LIKELY = 0.5
 
 def verdict_of(answer: Answer) -> Verdict:
     """Return the verdict: what leads, and whether it is as probable as everything else together."""
+    if answer.no_pose is not None and answer.no_pose.blank:
+        return "nothing_to_see"
     off_map = answer.off_map_probability
     if answer.abstained:
         return "off_map" if off_map is None or off_map >= _LIKELY else "perhaps_off_map"
@@ -39,7 +42,7 @@ def verdict_of(answer: Answer) -> Verdict:
 def sentence_parts(answer: Answer) -> tuple[str, dict[str, Any]]:
     """Return one of `SENTENCES`, untranslated, and the values to insert."""
     verdict = verdict_of(answer)
-    if verdict in ("off_map", "perhaps_off_map"):
+    if verdict in ("off_map", "perhaps_off_map", "nothing_to_see"):
         return SENTENCES[verdict, ""], {}
     best = answer.hypotheses[0]
     values: dict[str, Any] = {"x": f"{best.position.x:.0f}", "y": f"{best.position.y:.0f}"}

@@ -17,7 +17,7 @@ from webapp.files.sealed import sealed, unsealed
 TrialRecord = dict[str, Any] | None
 """JSON values; None for a photo that cannot be used."""
 
-FORMAT = 16
+FORMAT = 17
 """To be increased when the evidence of the slopes, or the radii, change their meaning."""
 
 TRIALS_FORMAT = 14

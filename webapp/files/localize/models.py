@@ -208,6 +208,14 @@ def pair_matcher_if_installed(features: str, chosen: Path | None) -> PairMatcher
     return pair_matcher(features, chosen)
 
 
+def open_model(model: str, chosen: Path | None) -> object:
+    """Open the features network or matching network of a model; raises as `network` does."""
+    if model in _NETWORKS:
+        return network(model, chosen)
+    path, file = find_weights(model, chosen)
+    return _matcher(model, path, file.sha256 or hashlib.sha256(read_model(path)).hexdigest())
+
+
 def find_weights(model: str, chosen: Path | None) -> tuple[Path, ModelFile]:
     """Find the installed file of a model; its content is not checked yet.
 

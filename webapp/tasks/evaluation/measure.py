@@ -15,7 +15,7 @@ from webapp.progress import Progress
 from webapp.tasks.computing.in_order import ExecutionTarget, in_order
 from webapp.tasks.evaluation.types import Localize
 from webapp.tasks.localize import geometry, orient_map
-from webapp.tasks.localize.open_again import MapSource, RebuiltValue
+from webapp.tasks.localize.open_index import MapSource, RebuiltValue
 from webapp.tasks.localize.pipeline import LocalizationPipeline, Look
 
 

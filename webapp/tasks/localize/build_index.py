@@ -21,9 +21,9 @@ from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.computing.in_order import ExecutionTarget, in_order
 from webapp.tasks.localize import extract_photo, segments
-from webapp.tasks.localize.coding import coding_of
 from webapp.tasks.localize.extract_photo import PhotoDone, PhotoJob, size_and_time
 from webapp.tasks.localize.open_map import BuildReport
+from webapp.tasks.localize.segments import coding_of
 
 _IN_PROCESS = 4
 """Up to this many photos are processed in this process: starting workers would take longer."""

@@ -12,10 +12,9 @@ from webapp.settings import Settings
 from webapp.tasks.localize import build_index
 from webapp.tasks.localize.build_index import BuildRequest
 from webapp.tasks.localize.index_location import index_bases, index_folder
-from webapp.tasks.localize.make_plan import make_plan
 from webapp.tasks.localize.open_index import features_for
 from webapp.tasks.localize.open_map import BuildReport
-from webapp.tasks.localize.open_pipeline import join_looks, open_look
+from webapp.tasks.localize.open_pipeline import join_looks, make_plan, open_look
 from webapp.tasks.localize.pipeline import Look
 from webapp.tasks.localize.plan import LookPlan, OpenOptions
 

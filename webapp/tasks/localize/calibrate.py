@@ -24,7 +24,7 @@ from webapp.progress import Progress
 from webapp.settings import RetrievalSettings
 from webapp.tasks.computing.in_order import ExecutionTarget, in_order
 from webapp.tasks.localize import geometry, orient_map
-from webapp.tasks.localize.open_again import MapSource, RebuiltValue
+from webapp.tasks.localize.open_index import MapSource, RebuiltValue
 from webapp.tasks.localize.open_map import OpenMap
 from webapp.tasks.localize.trials import Hidden, Trial, TriedMap, try_photos
 

@@ -26,10 +26,9 @@ from webapp.store.library import Library
 from webapp.store.schema import MapRecord
 from webapp.tasks.landmarks.on_demand import LandmarksAround
 from webapp.tasks.localize import calibrate, cascade, describe_photos, geometry, orient_map
-from webapp.tasks.localize.make_plan import make_plan
 from webapp.tasks.localize.open_index import open_index, with_positions
 from webapp.tasks.localize.open_map import OpenMap
-from webapp.tasks.localize.open_pipeline import stored_look
+from webapp.tasks.localize.open_pipeline import make_plan, stored_look
 from webapp.tasks.localize.pipeline import LocalizationPipeline, Look
 from webapp.tasks.localize.plan import LookPlan, OpenOptions
 from webapp.tasks.maps.library_map import as_map

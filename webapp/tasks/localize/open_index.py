@@ -1,10 +1,12 @@
-"""Loads the index of a map for one look, and updates it first if that is planned."""
+"""Loads the index of a map for one look, updating it first if planned; or again in another process."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import threading
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -24,13 +26,14 @@ from webapp.core.retrieval.engines.types import DescriptorSearch
 from webapp.core.retrieval.fields_of_view import fields_of_view
 from webapp.core.retrieval.indexed import IndexedMap
 from webapp.core.tuning import DEFAULT, RetrievalTuning
-from webapp.errors import IndexDamaged, MapError, NotReady
+from webapp.errors import Conflict, IndexDamaged, MapError, NotReady
 from webapp.files.localize.features import read_codebook, read_segment, read_signatures
+from webapp.files.localize.global_model import global_descriptor
 from webapp.files.localize.index_store import IndexFolder, Manifest, read_search_index
 from webapp.files.localize.models import pair_matcher, pair_matcher_if_installed, with_weights
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.localize import build_index
+from webapp.tasks.localize import build_index, describe_photos
 from webapp.tasks.localize.build_index import BuildRequest
 from webapp.tasks.localize.extract_photo import size_and_time
 from webapp.tasks.localize.index_location import index_bases, index_folder
@@ -242,3 +245,74 @@ def _search(
     if choice.matcher == "flann":
         return Flann(descriptors, choice.kind)
     return BruteForce(descriptors, choice.matcher)
+
+
+Value = TypeVar("Value")
+
+
+class RebuiltValue(Generic[Value]):
+    """A value that is not pickled: other processes create it again.
+
+    Args:
+        make: Creates the value; this is what is pickled.
+        value: The value, if it exists already.
+    """
+
+    def __init__(self, make: Callable[[], Value], value: Value | None = None) -> None:
+        self._make = make
+        self._value = value
+        self._lock = threading.Lock()
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Pickle without the value."""
+        return RebuiltValue, (self._make,)
+
+    def value(self) -> Value:
+        """Return the value; the first call in a process creates it."""
+        with self._lock:
+            if self._value is None:
+                self._value = self._make()
+            return self._value
+
+
+@dataclass(frozen=True, slots=True)
+class MapSource:
+    """All that is needed to open a map again."""
+
+    cfg: Path
+    the_map: Map
+    plan: LookPlan  # With the features of the open map
+    settings: Settings
+    map_hash: str  # Hash of the open map
+    has_global_descriptors: bool
+
+    @classmethod
+    def of(cls, opened: OpenMap) -> MapSource:
+        """Collect them from an open map."""
+        return cls(
+            opened.cfg.absolute(),
+            opened.map,
+            replace(opened.plan, choice=opened.choice, keeps_matcher=True, build=False),
+            replace(opened.settings, dask=None),
+            opened.map_hash,
+            opened.indexed.global_descriptors is not None,
+        )
+
+    def open(self) -> OpenMap:
+        """Open the map, without its geometry.
+
+        Raises:
+            Conflict: Its index has been changed meanwhile.
+            MissingPart, InputError, StorageError, IndexDamaged
+        """
+        opened = open_index(
+            self.cfg, self.plan, the_map=self.the_map, settings=self.settings, progress=Progress()
+        )
+        network = global_descriptor(self.settings.models) if self.has_global_descriptors else None
+        if network is not None:
+            opened = describe_photos.with_stored_vectors(opened, network)
+        if opened.map_hash != self.map_hash:
+            raise Conflict(
+                "the index of the map was changed meanwhile", where=str(self.cfg), hint="start again"
+            )
+        return opened

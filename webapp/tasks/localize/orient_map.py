@@ -31,7 +31,7 @@ from webapp.files.localize import orientations
 from webapp.files.localize.orientations import StoredOrientations, StoredPairs
 from webapp.progress import Progress
 from webapp.tasks.computing.in_order import ExecutionTarget, in_order
-from webapp.tasks.localize.open_again import MapSource, RebuiltValue
+from webapp.tasks.localize.open_index import MapSource, RebuiltValue
 from webapp.tasks.localize.open_map import OpenMap
 
 _SAVED_EVERY_S = 20.0

@@ -27,20 +27,23 @@ from typing import Protocol
 
 import numpy as np
 
+from webapp.core.features.blank import why_blank
 from webapp.core.features.extract import extract
 from webapp.core.features.table import Method
 from webapp.core.features.types import Features
+from webapp.core.geometry.estimate import NoPose
 from webapp.core.hypotheses import joint, looks
 from webapp.core.hypotheses.bayes import truncate
 from webapp.core.hypotheses.calibration import DEFAULT, Calibration
 from webapp.core.hypotheses.heading_prior import relative_to_north
 from webapp.core.hypotheses.map_accuracy import limit_accuracy
-from webapp.core.hypotheses.model import Answer, AnswerSource
+from webapp.core.hypotheses.model import Answer, AnswerSource, FieldOfView
 from webapp.core.hypotheses.path_prior import apply_path_prior_to_answer
 from webapp.core.hypotheses.places import MapKind
 from webapp.core.localize import vote
 from webapp.core.localize.landmarks import find_by_landmarks
 from webapp.core.localize.verified import find_places, with_probabilities
+from webapp.core.localize.vote import match_statistics
 from webapp.core.mapmodel.model import Map
 from webapp.core.reconstruction.depths import DepthObservations, DepthsExcluding
 from webapp.files.localize.calibration import StoredCalibration
@@ -117,6 +120,8 @@ class Look:
             features = self._extract(photo)
         opened, fov_deg = self.opened, photo.fov.degrees
         indexed = opened.indexed
+        if blank := why_blank(photo.gray.pixels, features):
+            return self._of_photo(_nothing_to_see(features, blank, fov=photo.fov), photo, watch)
         if opened.method == "vote":
             with watch.stage("retrieve"):
                 answer = vote.localize(indexed, features, top=_ALL, hide=hide)
@@ -161,6 +166,12 @@ class Look:
         return DepthsExcluding(self.sightings, np.isin(self.opened.indexed.ids, [*hide]))
 
 
+def _nothing_to_see(features: Features, reason: str, *, fov: FieldOfView) -> Answer:
+    """Answer that says neither a place nor that the photo was not taken on the map."""
+    counts = match_statistics(len(features), np.zeros(0, np.float32), left=0)
+    return Answer((), None, 0.0, NoPose(f"nothing to recognise: {reason}", blank=True), counts, fov=fov)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalizationPipeline:
     """A method on an open map."""
@@ -201,15 +212,16 @@ class LocalizationPipeline:
         one, *other = self.looks
         first = one.join([one.localize(photo, hide=hide, include=include) for photo in photos])
         if not other or looks.is_certain(first):
-            return truncate(first, top)
+            return photos[0].on_file(truncate(first, top))
         (two,) = other
         turns = first.quarter_turns
         upright = [replace(photo, seconds=0.0).turned(turns) for photo in photos]
         further = two.join([two.localize(photo, hide=hide, include=include) for photo in upright])
         further = replace(upright[0].turned_back(further, quarters=turns), fov=first.fov)
-        return looks.combine_looks(
+        combined = looks.combine_looks(
             (first, further), calibration=self.both, place_radius_px=self.place_radius_px, top=top
         )
+        return photos[0].on_file(combined)
 
     def _read(self, photo_path: Path) -> list[QueryPhoto]:
         described = (look.opened.indexed.global_descriptors for look in self.looks)

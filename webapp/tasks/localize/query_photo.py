@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.features.bars import Inside, inside_bars
 from webapp.core.features.global_descriptor import GlobalDescriptor
 from webapp.core.geometry.equirectangular import ViewSize, cut_view, panorama_pixels, panorama_size, view_size
 from webapp.core.hypotheses.model import Answer, Evidence, FieldOfView, Hypothesis
@@ -93,6 +94,8 @@ class QueryPhoto:
     vector: NDArray[np.float32] | None  # (d,) float32 or None. Its global descriptor.
     seconds: float  # Time to read it
     view: PanoramaView | None = None  # Set for a view of a panorama
+    # First pixel (x, y) of the photo in the upright file, whose uniform bars are cut off.
+    origin: tuple[int, int] = (0, 0)
 
     def turned(self, quarters: int) -> QueryPhoto:
         """Rotate it clockwise by quarter turns, for features that are not rotation-invariant."""
@@ -102,6 +105,14 @@ class QueryPhoto:
             half = math.tan(math.radians(fov.degrees) / 2.0) * height / width
             fov = replace(fov, degrees=math.degrees(2.0 * math.atan(half)))
         return replace(self, gray=gray, fov=fov)
+
+    def on_file(self, answer: Answer) -> Answer:
+        """Convert an answer about this photo from its pixels to those of the file with the bars."""
+        if self.origin == (0, 0):
+            return answer
+        shift = np.array(self.origin, np.float32)
+        evidence = tuple(replace(e, query_xy=e.query_xy + shift) for e in answer.evidence)
+        return replace(answer, evidence=evidence)
 
     def turned_back(self, answer: Answer, *, quarters: int) -> Answer:
         """Convert an answer about this rotated photo (`turned`) to pixels of the original photo."""
@@ -127,7 +138,7 @@ def read_query(
     """Read a photo; a panorama with the metadata of one is cut into views. Raises PhotoError.
 
     Args:
-        fov_deg: Horizontal field of view of a photo, instead of the one in its EXIF.
+        fov_deg: Horizontal field of view of a photo, with its bars, instead of the one in its EXIF.
         describe: Computes the global descriptor.
     """
     started = time.perf_counter()
@@ -136,9 +147,42 @@ def read_query(
     if find_panorama(path, facts, limits=limits) is not None:
         return [*_views(path, settings=settings, describe=describe)]
     gray = read_gray(path, limits=limits, max_side=settings.extract.max_side_px)
-    vector = None if describe is None else describe.describe(read_upright(path, limits=limits))
+    # A camera that states its field of view makes no bars.
+    inside = None if facts.fov_deg is not None else _inside_bars(gray)
+    if inside is not None:
+        fov_deg = None if fov_deg is None else _of_part(fov_deg, gray.full_size[0], inside)
+        full = read_gray(path, limits=limits).pixels[inside.top : inside.bottom, inside.left : inside.right]
+        gray = scaled_gray(np.ascontiguousarray(full), settings.extract.max_side_px)
+    vector = None
+    if describe is not None:
+        colours = read_upright(path, limits=limits)
+        if inside is not None:
+            colours = colours[inside.top : inside.bottom, inside.left : inside.right]
+        vector = describe.describe(np.ascontiguousarray(colours))
     fov = _field_of_view(facts, gray, given=fov_deg)
-    return [QueryPhoto(gray, fov, vector, time.perf_counter() - started)]
+    origin = (0, 0) if inside is None else (inside.left, inside.top)
+    return [QueryPhoto(gray, fov, vector, time.perf_counter() - started, origin=origin)]
+
+
+def _of_part(fov_deg: float, width: int, part: Inside) -> float:
+    """Convert the horizontal field of view of a file to that of the photo inside its bars."""
+    half = math.tan(math.radians(fov_deg) / 2.0) * (part.right - part.left) / width
+    return math.degrees(2.0 * math.atan(half))
+
+
+def _inside_bars(gray: GrayPhoto) -> Inside | None:
+    """Find the photo inside uniform bars, pixels of the full-size photo; None if there are no bars."""
+    height, width = gray.pixels.shape
+    found = inside_bars(gray.pixels)
+    if found == Inside(0, 0, width, height):
+        return None
+    full_width, full_height = gray.full_size
+    return Inside(
+        math.ceil(found.left / gray.scale),
+        math.ceil(found.top / gray.scale),
+        full_width if found.right == width else int(found.right / gray.scale),
+        full_height if found.bottom == height else int(found.bottom / gray.scale),
+    )
 
 
 def _field_of_view(facts: PhotoFacts, gray: GrayPhoto, *, given: float | None) -> FieldOfView:

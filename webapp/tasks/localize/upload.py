@@ -1,8 +1,15 @@
-"""Localizes uploaded photos on a map of the library, and stores the photo and the answer."""
+"""Localizes uploaded photos on a map of the library, and stores the photo and the answer.
+
+The belief of a live sequence, whose frames may be processed by different processes, is kept in a small file
+in the library's folder, which expires after some minutes.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import secrets
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,17 +18,21 @@ from typing import Any
 
 from webapp.core.hypotheses.circle_prior import CirclePrior
 from webapp.core.hypotheses.jsonform import answer_to_json
-from webapp.core.hypotheses.model import Evidence
+from webapp.core.hypotheses.model import Answer, Evidence
+from webapp.core.hypotheses.sequence import Belief, belief_from_json, belief_to_json, filter_step
 from webapp.errors import NotFound, UsageError
-from webapp.files.part_file import move_in, sha256_of, show_file_as
+from webapp.files.atomic import write_text
+from webapp.files.part_file import discard, move_in, sha256_of, show_file_as
 from webapp.files.photos.photo import read_facts
 from webapp.settings import Settings
 from webapp.store import queries
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord, QueryRecord
-from webapp.tasks.localize import sequence_state, show_query, spot
+from webapp.tasks.localize import show_query, spot
 from webapp.tasks.localize.map_cache import MapCache, OpenedMap
+from webapp.tasks.localize.pipeline import LocalizationPipeline
 from webapp.tasks.localize.plan import OpenOptions
+from webapp.tasks.localize.sequence import motion
 from webapp.tasks.localize.spot import Hints
 from webapp.tasks.maps.add_photo import suffix_of, tidy_name
 from webapp.threads import permit
@@ -96,7 +107,7 @@ def localize_uploads(cache: MapCache, map_id: int, *, request: LocalizeRequest) 
         answer, best = spot.combine(pipeline, answers, hints=hints, top=request.top)
     else:
         frame, best = spot.combine_without_prior(pipeline, answers, hints=hints)
-        answer = sequence_state.filter_frame(request.sequence, frame, pipeline=pipeline, top=request.top)
+        answer = filter_frame(request.sequence, frame, pipeline=pipeline, top=request.top)
     source = pipeline.answer_source(sequence=request.sequence is not None)
     source = replace(source, map_revision=ready.revision)
     name = ", ".join(photo.name for photo in request.photos)
@@ -176,3 +187,65 @@ def _evidence_json(evidence: Evidence) -> dict[str, Any]:
 
 def _rounded(points: Sequence[Sequence[float]]) -> list[list[float]]:
     return [[round(x, 1), round(y, 1)] for x, y in points]
+
+
+SEQUENCE_EXPIRES_S = 600.0
+"""Time after its last frame at which a sequence expires."""
+
+_SEQUENCES = "sequences"
+_STATE_FORMAT = 2
+"""Format of the file; a file of another format restarts the sequence."""
+
+
+def state_file(library: Library, *, account_id: int, map_id: int, id: str) -> Path:
+    """Return the file of a sequence, and delete expired files.
+
+    Args:
+        account_id: Owner of the sequence; the ids of different accounts are independent.
+        id: Chosen by the client.
+    """
+    folder = library.inner / _SEQUENCES
+    folder.mkdir(exist_ok=True)
+    for old in folder.iterdir():
+        if not _is_fresh(old):
+            discard(old)
+    name = hashlib.sha256(f"{account_id}/{map_id}/{id}".encode()).hexdigest()
+    return folder / f"{name[:32]}.json"
+
+
+def filter_frame(file: Path, answer: Answer, *, pipeline: LocalizationPipeline, top: int) -> Answer:
+    """Update the belief of a sequence by the answer about its next frame, and return the filtered answer.
+
+    Args:
+        file: State of the sequence; it is overwritten. If it does not exist, a new sequence starts.
+        answer: Answer from the frame alone.
+        pipeline: Pipeline that gave the answer. The sequence restarts if the map has changed.
+        top: Maximum number of hypotheses.
+
+    Raises:
+        StorageError: The file cannot be written.
+    """
+    known = _read_state(file)
+    same = (known.get("format"), known.get("map")) == (_STATE_FORMAT, pipeline.map_hash)
+    belief = belief_from_json(known["belief"]) if same else Belief()
+    belief, joined = filter_step(belief, answer, motion=motion(pipeline), top=top)
+    now = {"format": _STATE_FORMAT, "map": pipeline.map_hash, "belief": belief_to_json(belief)}
+    write_text(file, json.dumps(now))
+    return pipeline.limit_accuracy(joined)
+
+
+def _read_state(file: Path) -> dict[str, Any]:
+    if not _is_fresh(file):
+        return {}
+    try:
+        known: dict[str, Any] = json.loads(file.read_text("utf-8"))
+    except FileNotFoundError:
+        return {}
+    return known
+
+
+def _is_fresh(file: Path) -> bool:
+    try:
+        return time.time() - file.stat().st_mtime <= SEQUENCE_EXPIRES_S
+    except FileNotFoundError:
+        return False

@@ -26,7 +26,7 @@ from webapp.files.localize.models import usable_features, usable_methods
 from webapp.files.part_file import check_space, discard, receive
 from webapp.store import queries
 from webapp.store.schema import MapRecord
-from webapp.tasks.localize import readiness, sequence_state, show_query, upload
+from webapp.tasks.localize import readiness, show_query, upload
 from webapp.tasks.localize.adopt_query import link_or_copy
 from webapp.tasks.localize.map_cache import MapCache
 from webapp.tasks.localize.plan import OpenOptions
@@ -284,4 +284,4 @@ def _sequence(record: MapRecord, given: dict[str, Any]) -> Path | None:
     id = given.get("sequence")
     if id is None:
         return None
-    return sequence_state.state_file(library(), account_id=account().id, map_id=record.id, id=id)
+    return upload.state_file(library(), account_id=account().id, map_id=record.id, id=id)

@@ -23,9 +23,10 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.evaluation.stored import Miss, StoredEvaluation
 from webapp.tasks.localize.index_location import has_landmarks
-from webapp.tasks.localize.make_plan import can_reconstruct
+from webapp.tasks.localize.open_pipeline import can_reconstruct
 from webapp.tasks.maps import examples
 from webapp.tasks.maps.library_map import georeference
+from webapp.tasks.operate.models import missing_second_look
 from webapp.web.context import account, library, reading_map, settings
 from webapp.web.localize.answers import answer_colours
 from webapp.web.maps import state as map_state
@@ -56,6 +57,7 @@ def localize(slug: str) -> str:
         colours=answer_colours(),
         has_landmarks=has_landmarks(library().cfg(slug)) or can_reconstruct(settings()),
         examples=examples.examples_of(library().cfg(slug)),
+        lacks_models=account().is_owner and bool(missing_second_look(settings())),
     )
 
 

@@ -5,13 +5,14 @@ import { percentText } from "../format.js";
 import { t } from "../i18n.js";
 import { probabilityColours } from "./answer-format.js";
 import { isOffMap } from "./query-session.js";
-import { isFaint, verdictText } from "./verdict.js";
+import { isFaint, verdictOf, verdictText } from "./verdict.js";
 
 /** @returns {HTMLElement} with the verdict as its tooltip */
 export function answerBadge(answer) {
   const [first] = answer.hypotheses;
   const elsewhere = isOffMap(answer);
-  const badge = h("span", { class: "badge", title: verdictText(answer) }, elsewhere ? t("not here") : percentText(first.probability));
+  const none = verdictOf(answer) === "nothing_to_see" ? t("no place") : t("not here");
+  const badge = h("span", { class: "badge", title: verdictText(answer) }, elsewhere ? none : percentText(first.probability));
   if (elsewhere || isFaint(answer, first.probability)) {
     badge.classList.add("badge--hollow");
     return badge;

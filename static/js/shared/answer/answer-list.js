@@ -45,6 +45,7 @@ function mark(list, session) {
 
 function entries(answer, choose) {
   const { hypotheses, off_map_probability: off } = answer;
+  if (answer.verdict === "nothing_to_see") return [];
   if (off === null && !hypotheses.length) return [offMap(null, true)];
   const made = {
     place: (at) => entry(hypotheses[at], { choose, faint: isFaint(answer, hypotheses[at].probability) }),

@@ -6,9 +6,10 @@ import { isOffMap } from "./query-session.js";
 const LIKELY = 0.5;
 const LITTLE = 0.05;
 
-/** @returns {"off_map"|"perhaps_off_map"|"perhaps_place"|"place"} */
+/** @returns {"off_map"|"perhaps_off_map"|"perhaps_place"|"place"|"nothing_to_see"} */
 export function verdictOf(answer) {
-  const { hypotheses: [first], off_map_probability: off } = answer;
+  const { hypotheses: [first], off_map_probability: off, verdict } = answer;
+  if (!first && verdict === "nothing_to_see") return verdict;
   if (isOffMap(answer)) return off === null || off >= LIKELY ? "off_map" : "perhaps_off_map";
   return off === null || first.probability >= LIKELY ? "place" : "perhaps_place"; // `vote` gives shares, no probabilities
 }
@@ -17,6 +18,7 @@ export function verdictOf(answer) {
 export function verdictText(answer) {
   const area = answer.hypotheses[0]?.kind === "area";
   return {
+    nothing_to_see: () => t("Nothing to recognise in this photo: it is too dark, too plain or too blurred."),
     off_map: () => t("Probably not on this map."),
     perhaps_off_map: () => t("Uncertain, perhaps not on this map."),
     perhaps_place: () => (area ? t("Uncertain, perhaps in area 1.") : t("Uncertain, perhaps at place 1.")),

@@ -37,6 +37,8 @@ def visual_fix(answer: Mapping[str, Any], georeference: Georeference | None) -> 
         answer: In the format of `localize --json`.
         georeference: Of the map of the answer.
     """
+    if answer.get("verdict") == "nothing_to_see":
+        return NoPose("the photo has nothing to recognise", blank=True)
     best = next(iter(answer["hypotheses"]), None)
     if best is None or is_off_map(best["probability"], answer["off_map_probability"]):
         return NoPose("the photo was probably not taken on this map")

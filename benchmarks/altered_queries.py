@@ -1,0 +1,159 @@
+"""Measures answers to altered queries: bars as in screenshots, crops, dim, blurred, rotated.
+
+An answer is honest if its first place is within the place radius, if its 95 % circle (twice the stated 68 %
+radius) contains the truth, or if its probability is below one half. The share of honest answers should be
+above 0.95 for each alteration. Altered photos have no EXIF: --fov gives the field of view of the queries as
+they are, from which that of crops and stretched ones follows; without it, it is guessed for all.
+
+    python -m benchmarks.altered_queries MAP.cfg QUERIES.csv [--limit N] [--index FOLDER] [--fov DEGREES]
+        [--method NAME] [--json OUT]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from benchmarks.figures import percentile, plain, ratio, table
+from benchmarks.worse_photos import NOISE, Photo, dimmed, rotated
+from webapp.configuration import load_settings
+from webapp.core.hypotheses.model import Answer
+from webapp.core.hypotheses.verdict import verdict_of
+from webapp.files.localize import queries_csv
+from webapp.progress import Progress
+from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.pipeline import LocalizationPipeline
+from webapp.tasks.localize.plan import OpenOptions
+
+_SURE = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Alteration:
+    """A change of a photo, and the share of its width that remains in view."""
+
+    change: Callable[[Photo], Photo]
+    seen: float = 1.0
+
+
+def with_bars(photo: Photo) -> Photo:
+    """Put the photo between bars as on a phone held upright, with a line of status above."""
+    height, width = photo.shape[:2]
+    more = max(0, int(width * 19.5 / 9.0) - height)
+    shot = np.pad(photo, ((more // 2, more - more // 2), (0, 0), (0, 0)), constant_values=12)
+    size = max(width / 900.0, 0.2)
+    if more:
+        cv2.putText(shot, "12:34", (width // 20, more // 8 + 8), cv2.FONT_HERSHEY_SIMPLEX, size, (240,) * 3)
+    return np.asarray(shot, np.uint8)
+
+
+def cropped(photo: Photo, share: float) -> Photo:
+    """Keep the middle of the photo."""
+    height, width = photo.shape[:2]
+    y, x = round(height * (1.0 - share) / 2.0), round(width * (1.0 - share) / 2.0)
+    return np.ascontiguousarray(photo[y : height - y, x : width - x])
+
+
+ALTERATIONS: Mapping[str, Alteration] = {
+    "as they are": Alteration(lambda photo: photo),
+    "bars of a screenshot": Alteration(with_bars),
+    "cropped to 70 %": Alteration(lambda photo: cropped(photo, 0.7), seen=0.7),
+    "cropped to 50 %": Alteration(lambda photo: cropped(photo, 0.5), seen=0.5),
+    "a twentieth of the light": Alteration(lambda photo: dimmed(photo, 0.05, NOISE)),
+    "blurred by 2.5 px": Alteration(lambda photo: np.asarray(cv2.GaussianBlur(photo, (0, 0), 2.5), np.uint8)),
+    "rotated by 20 degrees": Alteration(lambda photo: rotated(photo, 20.0)),
+    "black": Alteration(lambda photo: dimmed(photo, 0.0, 1.0)),
+}
+
+COLUMNS = {
+    "right": plain("right"),
+    "median px": plain("median_px", 1),
+    "p90 px": plain("p90_px", 1),
+    "sure and wrong": plain("sure_and_wrong"),
+    "honest": plain("honest"),
+    "nothing to see": plain("nothing_to_see"),
+}
+
+
+def main() -> None:
+    """Measure each alteration, without and, if it is given, with the right field of view."""
+    arguments = _arguments()
+    options = OpenOptions(method=arguments.method, index=arguments.index)
+    pipeline = open_pipeline(arguments.map, options, settings=load_settings(), progress=Progress())
+    queries = queries_csv.select(queries_csv.read(arguments.queries), arguments.limit)
+    rows = []
+    for name, alteration in ALTERATIONS.items():
+        for fov_deg in [None] if arguments.fov is None else [None, _seen(arguments.fov, alteration.seen)]:
+            found = _measured(pipeline, queries, alteration, fov_deg=fov_deg)
+            rows.append({"name": name + ("" if fov_deg is None else ", field of view given"), **found})
+    print(table(f"altered queries, place radius {pipeline.place_radius_px:.0f} px", COLUMNS, rows))
+    if arguments.json:
+        arguments.json.write_text(json.dumps(rows, indent=2), "utf-8")
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    add = parser.add_argument
+    add("map", type=Path)
+    add("queries", type=Path)
+    add("--limit", type=int, default=0, help="queries, evenly spread; 0 for all")
+    add("--index", type=Path, help="folder for the indexes, to be used again")
+    add("--fov", type=float, help="horizontal field of view of the queries, degrees")
+    add("--method", default="auto")
+    add("--json", type=Path, help="write all figures there")
+    return parser.parse_args()
+
+
+def _seen(fov_deg: float, share: float) -> float:
+    """Return the field of view of the middle of a photo."""
+    return math.degrees(2.0 * math.atan(share * math.tan(math.radians(fov_deg) / 2.0)))
+
+
+def _measured(
+    pipeline: LocalizationPipeline, queries: Sequence[Any], alteration: Alteration, *, fov_deg: float | None
+) -> dict[str, Any]:
+    errors, sure_and_wrong, honest, blank = [], 0, 0, 0
+    with tempfile.TemporaryDirectory() as scratch:
+        for query in queries:
+            photo = cv2.imread(str(query.path), cv2.IMREAD_COLOR)
+            if photo is None:
+                raise SystemExit(f"{query.path} cannot be read")
+            path = Path(scratch) / "query.png"
+            cv2.imwrite(str(path), alteration.change(np.asarray(photo, np.uint8)))
+            with_fov = LocalizationPipeline(pipeline.method, pipeline.looks, pipeline.both, fov_deg)
+            answer = with_fov.localize(path, top=5)
+            error = math.inf
+            if answer.hypotheses:
+                error = math.dist(answer.hypotheses[0].position, query.truth)
+            errors.append(error)
+            right, is_sure = error <= pipeline.place_radius_px, _is_sure(answer)
+            sure_and_wrong += is_sure and not right
+            honest += right or not is_sure or error <= 2.0 * (answer.hypotheses[0].radius_px or 0.0)
+            blank += verdict_of(answer) == "nothing_to_see"
+    count = len(queries)
+    finite = [e for e in errors if math.isfinite(e)]
+    return {
+        "right": ratio(sum(e <= pipeline.place_radius_px for e in errors), count),
+        "median_px": percentile(finite, 50),
+        "p90_px": percentile(finite, 90),
+        "sure_and_wrong": ratio(sure_and_wrong, count),
+        "honest": ratio(honest, count),
+        "nothing_to_see": ratio(blank, count),
+    }
+
+
+def _is_sure(answer: Answer) -> bool:
+    return bool(answer.hypotheses) and answer.hypotheses[0].probability >= _SURE
+
+
+if __name__ == "__main__":
+    main()
