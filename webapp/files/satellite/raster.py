@@ -96,7 +96,7 @@ class _DecodedRaster:
             strip = self._image.crop((0, top, self.width, min(top + rows, self.height)))
             if transparent:
                 rgba = np.asarray(strip.convert("RGBA"))
-                yield _on_white(rgba[:, :, :3], rgba[:, :, 3])
+                yield on_white(rgba[:, :, :3], rgba[:, :, 3])
             else:
                 yield decode(strip, "RGB")
 
@@ -136,11 +136,11 @@ class _GdalRaster:
         else:
             rgb = np.ascontiguousarray(values.transpose(1, 2, 0))
         if self._masked:
-            return _on_white(rgb, self._dataset.dataset_mask(window=window))
+            return on_white(rgb, self._dataset.dataset_mask(window=window))
         return np.asarray(rgb, dtype=np.uint8)
 
 
-def _on_white(rgb: Pixels, opacity: Pixels) -> Pixels:
+def on_white(rgb: Pixels, opacity: Pixels) -> Pixels:
     """Blend (h, w, 3) colours with white by their (h, w) opacity."""
     share = opacity.astype(np.uint16)[:, :, None]
     return np.asarray((rgb * share + 255 * (255 - share) + 127) // 255, dtype=np.uint8)
@@ -218,10 +218,23 @@ def reduced(raster: Raster, max_side: int) -> Pixels:
     return np.asarray(np.concatenate(parts), dtype=np.uint8)
 
 
-def _kind(path: Path, limits: SatelliteLimits) -> Kind:
+def image_kind(path: Path) -> Kind | None:
+    """Return the kind of an image by its first bytes; None if it is none of those that are shown.
+
+    Raises:
+        PhotoError: The file cannot be read.
+    """
     try:
         with path.open("rb") as file:
             head = file.read(8)
+    except OSError as error:
+        raise PhotoError(f"the image cannot be read: {error.strerror}") from error
+    return next((kind for magic, kind in _MAGIC if head.startswith(magic)), None)
+
+
+def _kind(path: Path, limits: SatelliteLimits) -> Kind:
+    kind = image_kind(path)
+    try:
         size = path.stat().st_size
     except OSError as error:
         raise PhotoError(f"the image cannot be read: {error.strerror}") from error
@@ -232,7 +245,6 @@ def _kind(path: Path, limits: SatelliteLimits) -> Kind:
             f"the image has {size / 1e6:.0f} MB, more than the limit of {limits.max_mb:g}",
             hint="scale it down, or cut out the area of the map",
         )
-    kind = next((kind for magic, kind in _MAGIC if head.startswith(magic)), None)
     if kind is None:
         raise PhotoError("this is not a PNG, JPEG or TIFF image", hint="save it as one of these")
     return kind

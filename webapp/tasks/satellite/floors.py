@@ -37,7 +37,8 @@ from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.maps.placing import needed_image
 from webapp.tasks.satellite.apply import TRAY
 from webapp.tasks.satellite.display import PREVIEW_PX
-from webapp.tasks.satellite.files import as_shown, keep_file, removed_if_refused
+from webapp.tasks.satellite.files import keep_file, removed_if_refused
+from webapp.tasks.satellite.upright import as_shown
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,8 +21,9 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.satellite import display
 from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, ImageChoice, ImageEditResult, NewImage, set_image
-from webapp.tasks.satellite.files import as_shown, keep_file, keep_pixels, removed_if_refused
+from webapp.tasks.satellite.files import keep_file, keep_pixels, removed_if_refused
 from webapp.tasks.satellite.georeference import GeoreferenceRequest, fit
+from webapp.tasks.satellite.upright import as_shown
 
 SMALLEST_PX, LARGEST_PX = 100, 10_000
 
