@@ -287,6 +287,8 @@ def _report_table(report: map_from_photos.PlaceReport) -> str:
         if file.experience is not None:
             x, y = file.experience.position
             details.append(f"id {file.experience.id} at x {x:.1f}, y {y:.1f}")
+        if file.position_from not in (None, "EXIF"):
+            details.append(f"position from {file.position_from}")
         lines.append(f"{file.name:{width}}  {file.state:17}  {'; '.join((*details, *file.notes))}".rstrip())
     counts = ", ".join(f"{report.count(state)} {state}" for state in FileState)
     return "\n".join([*lines, f"{len(report.files)} files: {counts}"])
@@ -319,5 +321,6 @@ def _file_as_json(file: FileResult) -> dict[str, object]:
         "fov_deg": e and e.fov_deg,
         "gps_accuracy_m": e and e.gps_accuracy_m,
         "taken_at": e and e.taken_at,
+        "position_from": file.position_from,
         "notes": list(file.notes),
     }

@@ -20,7 +20,14 @@ from PIL import Image
 
 from webapp.errors import PhotoError
 from webapp.extras import extra, is_installed
-from webapp.files.decode import check_scans, decode, open_image
+from webapp.files.decode import (
+    check_scans,
+    decode,
+    is_jpeg_xl,
+    jpeg_xl_error,
+    open_image,
+    unsupported_colours,
+)
 from webapp.settings import PhotoLimits, SatelliteLimits
 
 if TYPE_CHECKING:
@@ -178,6 +185,8 @@ def _with_gdal(path: Path, kind: Kind, *, limits: SatelliteLimits) -> Iterator[R
             with rasterio.open(path, driver=kind) as dataset:
                 _check_size(dataset.width, dataset.height, limits)
                 _check_blocks(dataset)
+                if dataset.photometric is not None and dataset.photometric.name == "cielab":
+                    raise unsupported_colours("CIELab")
                 yield _GdalRaster(dataset, kind)
         except RasterioError as error:
             raise _damaged(error.__cause__ or error) from error
@@ -245,6 +254,8 @@ def _kind(path: Path, limits: SatelliteLimits) -> Kind:
             f"the image has {size / 1e6:.0f} MB, more than the limit of {limits.max_mb:g}",
             hint="scale it down, or cut out the area of the map",
         )
+    if kind is None and is_jpeg_xl(path):
+        raise jpeg_xl_error()
     if kind is None:
         raise PhotoError("this is not a PNG, JPEG or TIFF image", hint="save it as one of these")
     return kind
