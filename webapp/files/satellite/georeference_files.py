@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 import math
+import re
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -33,6 +34,10 @@ if TYPE_CHECKING:
 _EXAMPLE = '{"top_left": {"lat": 60.4055, "lon": 22.4676}, "bottom_right": {"lat": 60.4039, "lon": 22.4712}}'
 
 HEADER = "x;y;lat;lon"
+_QGIS_CRS = re.compile(r"#\s*CRS:\s*(.+)", re.IGNORECASE)
+_QGIS_PIXELS = (("sourcex", "sourcey"), ("pixelx", "pixely"))
+"""Columns of pixels, since QGIS 3.26 and before; y counts upwards, and is negative below the top edge."""
+
 _HINT = "a world file has six lines: x size, rotation, rotation, -y size, x and y of the first pixel's centre"
 _CENTRE_FROM_CORNER = np.array([[1.0, 0.0, -0.5], [0.0, 1.0, -0.5], [0.0, 0.0, 1.0]])
 """The origin of world files is the centre of the first pixel, that of maps its outer corner."""
@@ -86,7 +91,7 @@ def read_control_points(path: Path) -> list[ControlPoint]:
 
     Args:
         path: Semicolon table with the header `x;y;lat;lon`: pixels right of and below the image's outer
-            top-left corner, degrees north and east.
+            top-left corner, degrees north and east; or points of QGIS (`.points`).
 
     Returns:
         At least one.
@@ -94,20 +99,60 @@ def read_control_points(path: Path) -> list[ControlPoint]:
     Raises:
         TableError: The file cannot be read or is malformed, with the line.
     """
+    qgis = _qgis_points(read_text(path, error=TableError).splitlines(), where=str(path))
+    if qgis is not None:
+        return qgis
     _, rows = read_table(path, headers=[HEADER])
     if not rows:
         raise TableError("there are no control points", where=str(path), hint=f"add one per line: {HEADER}")
     return [_point(row) for row in rows]
 
 
+def _qgis_points(lines: list[str], *, where: str) -> list[ControlPoint] | None:
+    """Read points of QGIS: a comment with the coordinate system (since QGIS 3.26), and a table with commas.
+
+    Returns:
+        None if it is another table.
+    """
+    stated = _QGIS_CRS.fullmatch(lines[0].strip()) if lines else None
+    first = 1 if stated else 0
+    header = [cell.strip().lower() for cell in lines[first].split(",")] if len(lines) > first else []
+    pixel = next((pair for pair in _QGIS_PIXELS if set(pair) <= set(header)), None)
+    if pixel is None or not {"mapx", "mapy"} <= set(header):
+        return None
+    rows = []
+    for number, line in enumerate(lines[first + 1 :], first + 2):
+        cells = tuple(line.split(","))
+        if line.strip() and len(cells) < len(header):
+            raise TableError("the line has too few columns", where=f"{where}:{number}")
+        row = TextRow(cells, f"{where}:{number}")
+        if line.strip() and ("enable" not in header or row.number(header.index("enable")) != 0.0):
+            rows.append(row)
+    if not rows:
+        raise TableError("there are no control points", where=where, hint="enable some in QGIS")
+    numbers = [[row.number(header.index(name)) for name in ("mapx", "mapy", *pixel)] for row in rows]
+    plane = crs_name(stated[1]) if stated else WGS84
+    if plane == WGS84 and any(abs(x) > 180.0 or abs(y) > 90.0 for x, y, *_ in numbers):
+        hint = "begin the file with a line such as #CRS: EPSG:32633, or save it with a newer QGIS"
+        raise TableError("the points state no coordinate system", where=where, hint=hint)
+    found = latlon_from_plane(plane, [row[:2] for row in numbers]).tolist()
+    return [
+        _checked_point(MapPixel(x, -y), LatLon(*at), row.where)
+        for row, (_, _, x, y), at in zip(rows, numbers, found, strict=True)
+    ]
+
+
 def _point(row: TextRow) -> ControlPoint:
     x, y, lat, lon = (row.number(column) for column in range(4))
-    position = LatLon(lat, lon)
+    return _checked_point(MapPixel(x, y), LatLon(lat, lon), row.where)
+
+
+def _checked_point(pixel: MapPixel, position: LatLon, where: str) -> ControlPoint:
     try:
         check_positions([position])
     except GeoreferenceError as error:
-        raise TableError(error.message, where=row.where, hint=error.hint) from error
-    return ControlPoint(MapPixel(x, y), position)
+        raise TableError(error.message, where=where, hint=error.hint) from error
+    return ControlPoint(pixel, position)
 
 
 def find_worldfile(image: Path) -> Path:

@@ -64,7 +64,8 @@ class PlaceOptions:
     cfg: Path  # The map to write
     satellite: Path | None = None  # The image; None makes a blank plan
     source: GeoSource | None = None  # Source of the image's georeference; not needed for positions in pixels
-    positions: Path | None = None  # Positions by file name, instead of EXIF
+    positions: Path | None = None  # Positions by file name, instead of those in and beside the photos
+    columns: str | None = None  # Meaning of the columns of a table of positions; None to guess it
     copy: bool = False  # Copy files from outside the map's folder into it
     force: bool = False  # Replace an existing map; its photos keep their ids
     panoramas: PanoramaOptions = PanoramaOptions()
@@ -116,7 +117,7 @@ def _make_map(
     target = NewMapFolder(options.cfg, folder, copy=options.copy)
     target.check(force=options.force, satellite=options.satellite)
     before = read_map(options.cfg) if options.cfg.exists() else None
-    positions = read_positions(options.positions) if options.positions else None
+    positions = read_positions(options.positions, columns=options.columns) if options.positions else None
     _check_sources(options, positions)
     # fail early: read the image before the many photos
     shown = _upright(options, positions, scratch=scratch, settings=settings)
