@@ -8,6 +8,9 @@ from typing import Literal
 
 from webapp.files.photos.exif import number, text
 
+EXIF = "EXIF"
+"""Source of a position in the EXIF of a photo."""
+
 METRES_PER_DOP = 5.0
 """Metres of 68 % radius for each unit of dilution of precision: the usual range error of a civil receiver."""
 
@@ -32,7 +35,7 @@ class Gps:
     dop: float | None = None  # Dilution of precision
     altitude_m: float | None = None  # Above sea level (below: negative), according to the device
     relative_altitude_m: float | None = None  # Above where a drone has started
-    source: str = "EXIF"  # What it is from: `EXIF`, `XMP`, `DJI XMP`, or the name of a file beside the photo
+    source: str = EXIF  # What it is from: `EXIF`, `XMP`, `DJI XMP`, or the name of a file beside the photo
 
 
 @dataclass(frozen=True, slots=True)

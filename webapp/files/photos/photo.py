@@ -18,7 +18,7 @@ from webapp.core.texts import tidy_name
 from webapp.errors import PhotoError
 from webapp.files.decode import Pixels, check_bytes, decode, open_image
 from webapp.files.photos.exif import Fov, fov_note, orientation, read_exif, read_fov, read_time, text
-from webapp.files.photos.exif_gps import Gps, Heading, NoGps
+from webapp.files.photos.exif_gps import EXIF, Gps, Heading, NoGps
 from webapp.files.photos.xmp import locate, read_xmp
 from webapp.settings import PhotoLimits
 from webapp.threads import permit
@@ -59,6 +59,14 @@ class PhotoFacts:
     def fov_deg(self) -> float | None:
         """Horizontal field of view of the upright photo, degrees."""
         return None if self.fov is None else self.fov.deg
+
+
+def remarks(facts: PhotoFacts) -> tuple[str, ...]:
+    """Return sentences about a photo's file: where its position is from, unless from EXIF, and the notes."""
+    gps = facts.gps
+    if isinstance(gps, Gps) and gps.source != EXIF:
+        return (f"its position is from {gps.source}", *facts.notes)
+    return facts.notes
 
 
 @dataclass(frozen=True, slots=True)

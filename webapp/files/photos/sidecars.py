@@ -122,6 +122,12 @@ class Sidecar:
     data: bytes | None  # None if it cannot be read
 
 
+def beside_photo(photo: str, files: Iterable[Sidecar]) -> list[Sidecar]:
+    """Return those of some files that belong to a photo, in the order in which they count."""
+    by_name = {one.name: one for one in files}
+    return [by_name[name] for name in choose(photo, by_name)]
+
+
 def read_sidecars(paths: Iterable[Path]) -> list[Sidecar]:
     """Read files beside a photo, each up to the limit; links are not followed."""
     return [Sidecar(path.name, None if path.is_symlink() else _content(path)) for path in paths]
