@@ -219,3 +219,39 @@ def test_jpeg_xl_is_named():
     for start in (b"\xff\x0a", b"\0\0\0\x0cJXL \r\n\x87\n"):
         with pytest.raises(Exception, match="JPEG XL"), open_image(start + bytes(50), limits=LIMITS):
             pass
+
+
+PANO = 'xmlns:GPano="http://ns.google.com/photos/1.0/panorama/" GPano:ProjectionType="equirectangular" '
+
+
+@pytest.mark.parametrize(
+    ("size", "xmp", "camera", "said"),
+    [
+        ((240, 60), None, {}, "as wide as a part of a panorama"),
+        ((60, 240), None, {}, "as wide as a part of a panorama"),
+        ((200, 100), None, {}, "not marked"),
+        ((200, 100), None, {0xA405: 28}, None),
+        ((160, 90), None, {}, None),
+        ((240, 60), PANO, {}, "is a part of a panorama"),
+        (
+            (200, 100),
+            f'{PANO} GPano:FullPanoWidthPixels="400" GPano:CroppedAreaImageWidthPixels="200"',
+            {},
+            "is a part of a panorama",
+        ),
+        (
+            (200, 100),
+            f'{PANO} GPano:PosePitchDegrees="-12" GPano:PoseRollDegrees="1"',
+            {},
+            "tilted by 12 degrees",
+        ),
+        ((200, 100), f'{PANO} GPano:PosePitchDegrees="0" GPano:PoseRollDegrees="360"', {}, None),
+    ],
+)
+def test_panoramas_that_are_not_taken_as_they_are(size, xmp, camera, said):
+    file, options = io.BytesIO(), {} if xmp is None else {"xmp": packet(xmp)}
+    Image.new("RGB", size).save(
+        file, "JPEG", exif=piexif.dump({"0th": {271: b"x"}, "Exif": camera}), **options
+    )
+    notes = facts(file.getvalue()).notes
+    assert notes == () if said is None else said in notes[-1]

@@ -19,7 +19,7 @@ from webapp.errors import PhotoError
 from webapp.files.decode import Pixels, check_bytes, decode, open_image
 from webapp.files.photos.exif import Fov, fov_note, orientation, read_exif, read_fov, read_time, text
 from webapp.files.photos.exif_gps import EXIF, Gps, Heading, NoGps
-from webapp.files.photos.xmp import locate, read_xmp
+from webapp.files.photos.xmp import locate, panorama_notes, read_xmp
 from webapp.settings import PhotoLimits
 from webapp.threads import permit
 
@@ -117,7 +117,9 @@ def read_facts(source: Path | bytes, *, limits: PhotoLimits) -> PhotoFacts:
         kind = image.format or ""
         width, height = image.size if turn < 5 or _turned_by_decoder(image) else image.size[::-1]
     there = locate(exif.gps, xmp)
-    notes = (note, xmp.note, fov_note(exif, width=width, height=height))
+    fov = read_fov(exif, width=width, height=height)
+    shape = panorama_notes(xmp, width=width, height=height, has_fov=fov is not None)
+    notes = (note, xmp.note, fov_note(exif, width=width, height=height), *shape)
     return PhotoFacts(
         width=width,
         height=height,
@@ -125,7 +127,7 @@ def read_facts(source: Path | bytes, *, limits: PhotoLimits) -> PhotoFacts:
         gps=there.gps,
         heading=there.heading,
         taken_at=read_time(exif),
-        fov=read_fov(exif, width=width, height=height),
+        fov=fov,
         notes=(*exif.notes, *filter(None, notes)),
         format=kind,
         maker=text(exif.image.get(_MAKER)) if exif.image else None,

@@ -20,6 +20,12 @@ MAX_BYTES = 2_000_000
 
 _EXIF = "http://ns.adobe.com/exif/1.0/"
 _DJI = "http://www.dji.com/drone-dji/1.0/"
+_PANO = "http://ns.google.com/photos/1.0/panorama/"
+_WIDE = 2.4
+"""Aspect ratio from which on a photo may be a part of a panorama: no camera has such a sensor."""
+
+_WHOLE, _TOLERANCE = 2.0, 0.01
+_TILTED_DEG = 2.0
 _ANGLE = re.compile(
     r"([+-]?\d{1,3}(?:\.\d{1,20})?)(?:,(\d{1,2}(?:\.\d{1,20})?))?(?:,(\d{1,2}(?:\.\d{1,20})?))?\s*([NSEWnsew]?)"
 )
@@ -48,6 +54,10 @@ class Xmp:
     def exif(self, name: str) -> str:
         """Return a property of EXIF; empty without it."""
         return self.properties.get(f"{{{_EXIF}}}{name}", "")
+
+    def panorama(self, name: str) -> str:
+        """Return a property of Photo Sphere; empty without it."""
+        return self.properties.get(f"{{{_PANO}}}{name}", "")
 
     def dji(self, name: str) -> float:
         """Return a number that a drone of DJI has written; NaN without it."""
@@ -167,3 +177,29 @@ def _rational(text: str) -> float:
     above, _, below = text.partition("/")
     divisor = finite(below) if below else 1.0
     return finite(above) / divisor if divisor else math.nan
+
+
+def panorama_notes(xmp: Xmp, *, width: int, height: int, has_fov: bool) -> tuple[str, ...]:
+    """Return sentences about a photo that is, or may be, a panorama but is not taken for one as it is.
+
+    Args:
+        width, height: Of the upright photo, pixels.
+        has_fov: Whether its EXIF says its field of view, as for photos of one shot.
+    """
+    ratio = max(width, height) / min(width, height)
+    if not xmp.panorama("ProjectionType"):
+        if ratio >= _WIDE:
+            return ("it is as wide as a part of a panorama, and is taken as a plain photo",)
+        if width > height and abs(ratio - _WHOLE) <= _TOLERANCE * _WHOLE and not has_fov:
+            return (
+                "it is twice as wide as high like a panorama, but not marked as one: taken as a plain photo",
+            )
+        return ()
+    full, shown = xmp.panorama("FullPanoWidthPixels"), xmp.panorama("CroppedAreaImageWidthPixels")
+    if (full and shown and full != shown) or abs(width / height - _WHOLE) > _TOLERANCE * _WHOLE:
+        return ("it is a part of a panorama, and is taken as a plain photo",)
+    tilts = [finite(xmp.panorama(name)) for name in ("PosePitchDegrees", "PoseRollDegrees")]
+    tilted = [abs(math.remainder(tilt, 360.0)) for tilt in tilts if not math.isnan(tilt)]
+    if max(tilted, default=0.0) <= _TILTED_DEG:
+        return ()
+    return (f"it is a panorama tilted by {max(tilted):.0f} degrees, which is not levelled",)

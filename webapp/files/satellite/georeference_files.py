@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import re
 import warnings
@@ -22,8 +23,9 @@ from webapp.core.geo.crs import WGS84, crs_name, latlon_from_plane
 from webapp.core.geo.fit import GeoreferenceFit, check_on_image, check_positions
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel
-from webapp.errors import GeoreferenceError, MapJsonError, TableError
+from webapp.errors import GeoreferenceError, MapJsonError, TableError, TrackError
 from webapp.extras import extra
+from webapp.files.exchange.xml import local_name, walk
 from webapp.files.json_fields import JsonField, finite, parse_json
 from webapp.files.text_file import TextRow, read_bytes, read_table, read_text
 
@@ -41,6 +43,9 @@ _QGIS_PIXELS = (("sourcex", "sourcey"), ("pixelx", "pixely"))
 _HINT = "a world file has six lines: x size, rotation, rotation, -y size, x and y of the first pixel's centre"
 _CENTRE_FROM_CORNER = np.array([[1.0, 0.0, -0.5], [0.0, 1.0, -0.5], [0.0, 0.0, 1.0]])
 """The origin of world files is the centre of the first pixel, that of maps its outer corner."""
+
+_MOST_AUX_BYTES = 5_000_000
+"""Statistics of large images take most of them."""
 
 _ALONE = {"GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR", "GDAL_PAM_ENABLED": "NO", "PROJ_NETWORK": "OFF"}
 """GDAL options to read only the file itself: no sidecar files, nothing from the network."""
@@ -277,12 +282,36 @@ def read_geotiff(path: Path, *, crs: str | None = None) -> GeoreferenceFit:
         with rasterio.Env(**_ALONE), warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             with rasterio.open(path, driver="GTiff") as dataset:
-                return _fit(dataset, crs)
+                return _fit(dataset, crs or (None if _states_crs(dataset) else _sibling_aux(path)))
     except RasterioError as error:
         hint = "use --corners, --worldfile or --control-points for other images"
         raise GeoreferenceError("it is not a readable GeoTIFF", where=str(path), hint=hint) from error
     except GeoreferenceError as error:
         raise GeoreferenceError(error.message, where=str(path), hint=error.hint) from error
+
+
+def _states_crs(dataset: DatasetReader) -> bool:
+    return bool(dataset.crs) or bool(dataset.gcps[1])
+
+
+def _sibling_aux(path: Path) -> str | None:
+    """Return the coordinate system in the `.aux.xml` next to an image, of GDAL or ArcGIS; None without it.
+
+    GDAL itself must not read it: a sidecar could name other files.
+    """
+    aux = path.with_name(f"{path.name}.aux.xml")
+    if not aux.is_file():
+        return None
+    data = read_bytes(aux, error=GeoreferenceError)
+    try:
+        if len(data) > _MOST_AUX_BYTES:
+            raise TrackError("the file is too large")
+        for _, element in walk(io.BytesIO(data), whole={"SRS"}):
+            if local_name(element) == "SRS" and (element.text or "").strip():
+                return crs_name((element.text or "").strip())
+    except (TrackError, GeoreferenceError) as error:
+        raise GeoreferenceError(error.message, where=str(aux), hint=error.hint) from error
+    return None
 
 
 def _fit(dataset: DatasetReader, crs: str | None) -> GeoreferenceFit:
