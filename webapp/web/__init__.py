@@ -24,6 +24,7 @@ from webapp.web import (
     metrics,
     openapi,
     pages,
+    path_prefix,
     request_log,
     static_files,
 )
@@ -39,6 +40,7 @@ _PARTS = (
     security,
     sessions,
     language,
+    path_prefix,
     static_files,
     pages,
     errors,
