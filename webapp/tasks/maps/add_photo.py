@@ -31,7 +31,7 @@ from webapp.tasks.maps.photo_files import forget_intake, free_path, keep
 from webapp.tasks.maps.place_photos import FileState, SurveyedFile, place
 from webapp.tasks.maps.placing import image_of
 
-_SUFFIXES: Mapping[str, str] = {
+SUFFIXES: Mapping[str, str] = {
     "JPEG": "jpg",
     "MPO": "jpg",
     "PNG": "png",
@@ -43,6 +43,7 @@ _SUFFIXES: Mapping[str, str] = {
     "JPEG2000": "jp2",
     "GIF": "gif",
 }
+"""Suffix of a stored photo by its format."""
 _MAX_NAME = 300
 
 
@@ -161,7 +162,7 @@ def _read(photo: IncomingPhoto, *, name: str, settings: Settings) -> PhotoFacts:
 
 def suffix_of(facts: PhotoFacts) -> str:
     """Return the suffix of a photo's file, by its format."""
-    return _SUFFIXES[facts.format]
+    return SUFFIXES[facts.format]
 
 
 def tidy_name(name: str) -> str:
