@@ -238,7 +238,7 @@ def test_below_a_path_of_a_proxy_every_request_says_that_it_is_not_supported(cli
     answer = client.get(path, headers={"X-Forwarded-Prefix": "/maps"})
     assert answer.status_code == 400
     assert "cannot be served below a path (/maps)" in answer.text
-    assert client.get("/sign-in", headers={"X-Forwarded-Prefix": "/"}).status_code == 200
+    assert client.get("/sign-in", headers={"X-Forwarded-Prefix": "/"}).status_code < 400
 
 
 def test_a_library_is_opened_where_none_is_given(settings):

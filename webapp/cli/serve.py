@@ -13,7 +13,7 @@ import click
 from webapp import telemetry
 from webapp.cli.composition import Composition
 from webapp.cli.library import library_option, library_settings
-from webapp.errors import UsageError
+from webapp.configuration import refuse_script_name
 from webapp.jobs import serving
 from webapp.logs import FORMS, Form, log_to_stderr
 from webapp.store.library import open_library
@@ -64,10 +64,7 @@ def serve(
     """
     log_to_stderr(log)
     settings = library_settings(library)
-    prefix = os.environ.get("SCRIPT_NAME", "").strip("/")
-    if prefix:  # which gunicorn would obey
-        hint = "unset SCRIPT_NAME, and give the server a host name or a port of its own"
-        raise UsageError(f"Experience Map cannot be served below a path (/{prefix})", hint=hint)
+    refuse_script_name()
     telemetry.start(settings.traces)
     site = serving.Site(composition.web_app, host, port, workers or settings.serve.workers, log)
     serving.serve(site, settings=settings, echo=click.echo)

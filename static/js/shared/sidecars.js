@@ -1,7 +1,7 @@
 /** Files beside photos that may say where these were taken: `.xmp`, and the JSON of Google Takeout. */
 
-const MOST = 4;
-const MOST_BYTES = 250000;
+const MOST = 3;
+const MOST_BYTES = 150000;
 const CUT_AT = 40; // Google cuts off longer names
 
 /** @param {File} file */

@@ -457,8 +457,8 @@ class TestFilesBesidePhotos:
         "beside",
         [
             [{"name": "a.xmp"}],
-            [{"name": "a.xmp", "content": "x" * 250_001}],
-            [{"name": "a", "content": ""}] * 5,
+            [{"name": "a.xmp", "content": "x" * 150_001}],
+            [{"name": "a", "content": ""}] * 4,
         ],
     )
     def test_too_much_beside_a_photo_is_refused(self, client, park, beside):

@@ -101,7 +101,7 @@ _LARGEST_GROUND_POINT = 6
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class ListedPosition:
     """One photo of a list; `where` is its location in the list, for errors."""
 
     name: str
@@ -114,7 +114,7 @@ Lines = Sequence[tuple[str, str]]
 """Lines of a file, each with its location."""
 
 
-def read_table(data: bytes, columns: str | None, *, where: str, formats: str) -> list[Entry]:
+def read_table(data: bytes, columns: str | None, *, where: str, formats: str) -> list[ListedPosition]:
     """Read a table; rows without a position, as exiftool writes for photos without GPS, are skipped.
 
     Args:
@@ -126,7 +126,7 @@ def read_table(data: bytes, columns: str | None, *, where: str, formats: str) ->
         UsageError: `columns` does not fit.
     """
     text = io.BytesIO(_utf8(data))
-    numbered = [(f"{where}:{n}", line) for n, line in numbered_lines(text) if line.strip()]
+    numbered: Lines = [(f"{where}:{n}", line) for n, line in numbered_lines(text) if line.strip()]
     if not numbered:
         raise TableError("the file is empty", where=where, hint=f"use {formats}")
     separator = _SEPARATOR.fullmatch(numbered[0][1].strip())
@@ -195,7 +195,7 @@ def _plane(text: str, where: str) -> str:
         raise TableError(error.message, where=where, hint=error.hint) from error
 
 
-def _rows(lines: Lines, columns: str | None, *, delimiter: str, in_plane: bool) -> Iterator[Entry]:
+def _rows(lines: Lines, columns: str | None, *, delimiter: str, in_plane: bool) -> Iterator[ListedPosition]:
     header = split_row(lines[0][1], delimiter)
     known = _columns(header, columns, where=lines[0][0], in_plane=in_plane)
     row = _Row(known, delimiter=delimiter, in_plane=in_plane)
@@ -256,7 +256,7 @@ class _Row:
     delimiter: str
     in_plane: bool  # Whether the table states a coordinate system: numbers are east and north in it
 
-    def entry(self, fields: Sequence[str], where: str) -> Entry | None:
+    def entry(self, fields: Sequence[str], where: str) -> ListedPosition | None:
         sides = ("lat", "lon") if "lat" in self.columns else ("x", "y")
         texts = [self.text(fields, side) for side in sides]
         name = self.text(fields, "name").replace("\\", "/")
@@ -266,11 +266,11 @@ class _Row:
         if self.in_plane:
             position: LatLon | MapPixel = MapPixel(*((first, second) if sides[0] == "x" else (second, first)))
         else:
-            position = MapPixel(first, second) if sides == ("x", "y") else latlon(first, second, where)
+            position = MapPixel(first, second) if sides == ("x", "y") else latlon(first, second, where=where)
         heading = None
         if self.text(fields, "heading") not in _UNKNOWN:
             heading = checked_heading(self.number(fields, "heading", where), where)
-        return Entry(name, position, heading, where)
+        return ListedPosition(name, position, heading, where)
 
     def is_data(self, fields: Sequence[str]) -> bool:
         """Return whether the first line is a row rather than a header."""
@@ -300,7 +300,7 @@ class _Row:
         return bool(_DECIMAL_COMMA.fullmatch(text)) and not (is_pixel and _THOUSANDS.fullmatch(text))
 
 
-def _odm_rows(lines: Lines) -> Iterator[Entry]:
+def _odm_rows(lines: Lines) -> Iterator[ListedPosition]:
     """Read the rows of ODM's `geo.txt`: name, x, y, and optionally z, yaw and more."""
     for place, line in lines:
         cells = line.split()
@@ -326,14 +326,16 @@ def _odm_rows(lines: Lines) -> Iterator[Entry]:
             yield entry
 
 
-def _in_plane(entries: Iterator[Entry] | Sequence[Entry], plane: str) -> Iterator[Entry]:
+def _in_plane(
+    entries: Iterator[ListedPosition] | Sequence[ListedPosition], plane: str
+) -> Iterator[ListedPosition]:
     """Convert positions from east and north in a coordinate system."""
     listed = list(entries)
     found = latlon_from_plane(plane, [tuple(entry.position) for entry in listed])
     for entry, (lat, lon) in zip(listed, found.tolist(), strict=True):
         if not math.isfinite(lat):
             raise TableError(f"the position is outside {plane[:40]}", where=entry.where)
-        yield Entry(entry.name, latlon(lat, lon, entry.where), entry.heading_deg, entry.where)
+        yield ListedPosition(entry.name, latlon(lat, lon, where=entry.where), entry.heading_deg, entry.where)
 
 
 def _angle(text: str) -> float | None:
@@ -354,7 +356,7 @@ def checked_heading(heading: float, where: str) -> float:
     return heading % 360.0
 
 
-def latlon(lat: float, lon: float, where: str) -> LatLon:
+def latlon(lat: float, lon: float, *, where: str) -> LatLon:
     """Return a position that is on the Earth. Raises TableError."""
     position = LatLon(lat, lon)
     try:

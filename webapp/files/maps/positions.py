@@ -21,7 +21,7 @@ from webapp.files.exchange.gpx import GpxWaypoint, read_gpx
 from webapp.files.exchange.xml import child_text, local_name, number, walk
 from webapp.files.json_fields import JsonField, parse_json
 from webapp.files.maps.cfg import read_cfg
-from webapp.files.maps.position_tables import Entry, checked_heading, latlon, read_table
+from webapp.files.maps.position_tables import ListedPosition, checked_heading, latlon, read_table
 from webapp.files.text_file import read_bytes
 
 FORMATS = "a .cfg, a table of file names and positions, GeoJSON, KML, or GPX with waypoints"
@@ -108,7 +108,7 @@ def read_positions(path: Path, *, columns: str | None = None) -> Positions:
     return _positions([entry for entry in entries if counts[entry.name] == 1], repeated)
 
 
-def _of_table(entries: Sequence[Entry]) -> Positions:
+def _of_table(entries: Sequence[ListedPosition]) -> Positions:
     seen: set[str] = set()
     for entry in entries:
         if entry.name in seen:
@@ -119,13 +119,13 @@ def _of_table(entries: Sequence[Entry]) -> Positions:
     return _positions(entries)
 
 
-def _positions(entries: Sequence[Entry], repeated: tuple[str, ...] = ()) -> Positions:
+def _positions(entries: Sequence[ListedPosition], repeated: tuple[str, ...] = ()) -> Positions:
     headings = {entry.name: entry.heading_deg for entry in entries if entry.heading_deg is not None}
     by_name = {entry.name: entry.position for entry in entries}
     return Positions(by_name, headings_deg=headings, repeated=repeated)
 
 
-def _geojson(data: bytes, *, where: str) -> Iterator[Entry]:
+def _geojson(data: bytes, *, where: str) -> Iterator[ListedPosition]:
     """Read the points of a GeoJSON; other features are skipped."""
     try:
         top = parse_json(data, where=where, most_values=_MOST_VALUES)
@@ -138,7 +138,7 @@ def _geojson(data: bytes, *, where: str) -> Iterator[Entry]:
         raise TableError(error.message, where=error.where, hint=error.hint) from error
 
 
-def _feature(item: JsonField) -> Entry | None:
+def _feature(item: JsonField) -> ListedPosition | None:
     feature = item.value if isinstance(item.value, dict) else {}
     geometry, properties = feature.get("geometry"), feature.get("properties")
     facts = (
@@ -154,7 +154,7 @@ def _feature(item: JsonField) -> Entry | None:
     lon, lat = (cell.number("a number of degrees", valid=lambda value: True) for cell in cells[:2])
     turned = next((facts[key] for key in _headings() if isinstance(facts.get(key), int | float)), None)
     heading = None if turned is None else checked_heading(float(turned), here)
-    return Entry(name.strip().replace("\\", "/"), latlon(lat, lon, here), heading, here)
+    return ListedPosition(name.strip().replace("\\", "/"), latlon(lat, lon, where=here), heading, here)
 
 
 def _headings() -> Iterator[str]:
@@ -162,7 +162,7 @@ def _headings() -> Iterator[str]:
         yield from (name, f"{name}_deg")
 
 
-def _xml(data: bytes, *, where: str) -> Iterator[Entry]:
+def _xml(data: bytes, *, where: str) -> Iterator[ListedPosition]:
     """Read the waypoints of a GPX file, or the points of a KML."""
     root = next((local_name(element) for _, element in walk(io.BytesIO(data), whole=())), "")
     if root == "gpx":
@@ -170,10 +170,10 @@ def _xml(data: bytes, *, where: str) -> Iterator[Entry]:
             if isinstance(item, GpxWaypoint):
                 here = f"{where}: waypoint {item.number}"
                 for name in _photos_of(item):
-                    position = latlon(item.point.lat, item.point.lon, here)
+                    position = latlon(item.point.lat, item.point.lon, where=here)
                     course = item.point.course_deg
                     heading = None if course != course else checked_heading(course, here)
-                    yield Entry(name, position, heading, here)
+                    yield ListedPosition(name, position, heading, here)
     elif root == "kml":
         yield from _kml(data, where=where)
     else:
@@ -187,7 +187,7 @@ def _photos_of(waypoint: GpxWaypoint) -> list[str]:
     return photos or [name for name in [waypoint.name.replace("\\", "/")] if name]
 
 
-def _kml(data: bytes, *, where: str) -> Iterator[Entry]:
+def _kml(data: bytes, *, where: str) -> Iterator[ListedPosition]:
     count = 0
     for _, mark in walk(io.BytesIO(data), whole={"Placemark"}):
         if local_name(mark) != "Placemark":
@@ -201,7 +201,7 @@ def _kml(data: bytes, *, where: str) -> Iterator[Entry]:
             continue
         turned = next((number(part.text) for part in mark.iter() if local_name(part) == "heading"), None)
         heading = None if turned is None or turned != turned else checked_heading(turned, here)
-        yield Entry(name, latlon(number(numbers[1]), number(numbers[0]), here), heading, here)
+        yield ListedPosition(name, latlon(number(numbers[1]), number(numbers[0]), where=here), heading, here)
 
 
 def _placemark_name(mark: Element) -> str:

@@ -94,7 +94,7 @@ def parse_xmp(packet: bytes) -> Xmp:
 
 
 @dataclass(frozen=True, slots=True)
-class Located:
+class PhotoPlace:
     """Where a photo was taken and where it looks, as far as its file says."""
 
     gps: Gps | NoGps
@@ -102,7 +102,7 @@ class Located:
     pitch_deg: float | None = None  # Of the camera above the horizon; below it negative
 
 
-def locate(tags: Mapping[int, object], xmp: Xmp) -> Located:
+def locate(tags: Mapping[int, object], xmp: Xmp) -> PhotoPlace:
     """Find position and heading: in the GPS IFD of EXIF, else in the EXIF of XMP, else in what a drone wrote.
 
     Args:
@@ -110,7 +110,7 @@ def locate(tags: Mapping[int, object], xmp: Xmp) -> Located:
     """
     gps, heading = read_gps(tags), read_heading(tags)
     if not xmp:
-        return Located(gps, heading)
+        return PhotoPlace(gps, heading)
     in_xmp, of_drone = _exif_tags(xmp), _drone_tags(xmp)
     for source, other in (("XMP", in_xmp), ("DJI XMP", of_drone)):
         if isinstance(gps, NoGps):
@@ -121,7 +121,7 @@ def locate(tags: Mapping[int, object], xmp: Xmp) -> Located:
                 gps = found
         heading = heading or read_heading(other)
     pitch = xmp.dji("GimbalPitchDegree")
-    return Located(_by_drone(gps, xmp), heading, None if math.isnan(pitch) else pitch)
+    return PhotoPlace(_by_drone(gps, xmp), heading, None if math.isnan(pitch) else pitch)
 
 
 def _exif_tags(xmp: Xmp) -> dict[int, object]:

@@ -125,8 +125,8 @@ def _make_map(
     _check_same_image(positions, image)
     names = list_files(folder, leave_out=[options.cfg.parent / DERIVED])
     around = options.panoramas
-    own = [options.satellite, target.path_of(options.satellite, shown)] if shown else [target.plan_path]
-    own += [around.mask] if around.mask else []
+    image_path = target.path_of(options.satellite, shown) if shown else target.plan_path
+    own = [path for path in (image_path, options.satellite, around.mask) if path is not None]
     masked = band(lowest_deg=around.lowest_deg, highest_deg=around.highest_deg)
     masked += () if around.mask is None else read_mask(around.mask, limits=settings.photo)
     seen = survey(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import time
@@ -12,66 +11,18 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from webapp.errors import UsageError
-from webapp.files.atomic import storage_error, write_bytes, write_text
-from webapp.files.part_file import move_in
+from webapp.files.atomic import write_text
 from webapp.store.library import Library
 from webapp.store.maps.edits import FLOORS_KIND, OUTSIDE_KIND
 from webapp.store.schema import Edit, MapRecord
 from webapp.tasks.satellite import display
 
-QUALITY = 92
-"""Of JPEG."""
-
 _OURS = re.compile(r"satellite-[0-9a-f]{8}\.(png|jpg)")
-"""Names given by `keep_file` and `keep_pixels`."""
-
-
-def keep_file(source: Path, folder: Path) -> str:
-    """Move a PNG or JPEG file into the map's folder, named by its hash.
-
-    Args:
-        source: On the same disk.
-        folder: Folder of the map.
-
-    Returns:
-        `satellite-<8 hexadecimal digits of its hash>.png` or `.jpg`.
-    """
-    with source.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
-        file.seek(0)
-        suffix = ".png" if file.read(4) == b"\x89PNG" else ".jpg"
-    name = f"satellite-{digest[:8]}{suffix}"
-    move_in(source, folder / name)
-    return name
-
-
-def keep_pixels(pixels: NDArray[np.uint8], folder: Path, *, lossless: bool = True) -> str:
-    """Write an image to the map's folder, named by its hash.
-
-    Args:
-        pixels: (h, w, 3) uint8. Blue, green, red.
-        folder: Folder of the map.
-        lossless: PNG, else JPEG.
-
-    Returns:
-        As `keep_file`.
-    """
-    if lossless:
-        data = cv2.imencode(".png", pixels)[1].tobytes()
-    else:
-        data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEGQUALITY, QUALITY])[1].tobytes()
-    name = f"satellite-{hashlib.sha256(data).hexdigest()[:8]}{'.png' if lossless else '.jpg'}"
-    with writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    write_bytes(folder / name, data)
-    return name
+"""Names given by `webapp.files.satellite.keep`."""
 
 
 def keep_source(folder: Path, name: str, *, source: Mapping[str, Any]) -> None:
@@ -91,15 +42,6 @@ def source_of(folder: Path, name: str) -> dict[str, Any]:
     except (OSError, ValueError):  # only the attribution is lost: the image can still be shown
         return {}
     return content if isinstance(content, dict) else {}
-
-
-@contextmanager
-def writing(folder: Path) -> Iterator[None]:
-    """Distinguish a failing disk from a damaged image."""
-    try:
-        yield
-    except OSError as error:
-        raise storage_error(error, where=folder.name) from error
 
 
 def images_in_use(record: MapRecord) -> set[str]:

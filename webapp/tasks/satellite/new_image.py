@@ -13,6 +13,7 @@ from webapp.core.geo.blank import draw, draw_sheet, plan_around
 from webapp.core.geo.georeference import Georeference
 from webapp.errors import GeoreferenceError, UsageError
 from webapp.files.satellite.georeference_files import read_geotiff
+from webapp.files.satellite.keep import keep_file, keep_pixels
 from webapp.files.satellite.raster import opened_raster, reduced
 from webapp.settings import Settings
 from webapp.store.library import Library
@@ -21,7 +22,7 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.satellite import display
 from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, ImageChoice, ImageEditResult, NewImage, set_image
-from webapp.tasks.satellite.files import keep_file, keep_pixels, removed_if_refused
+from webapp.tasks.satellite.files import removed_if_refused
 from webapp.tasks.satellite.georeference import GeoreferenceRequest, fit
 from webapp.tasks.satellite.upright import as_shown
 

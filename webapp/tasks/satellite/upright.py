@@ -21,9 +21,9 @@ from webapp.files.maps.cfg import format_cfg, read_cfg
 from webapp.files.maps.folder import MapFolder, json_path
 from webapp.files.photos.exif import orientation, read_exif
 from webapp.files.photos.photo import read_facts, turn_upright
+from webapp.files.satellite.keep import QUALITY, keep_file, writing
 from webapp.files.satellite.raster import Raster, image_kind, on_white, opened_raster
 from webapp.settings import PhotoLimits, Settings
-from webapp.tasks.satellite.files import QUALITY, keep_file, writing
 
 _AS_PNG_PIXELS = 40_000_000
 """A TIFF with more pixels is converted to JPEG."""

@@ -50,7 +50,7 @@ _OTHER_PARTS = 20
 _MOST_FILES = 10_000
 """Of the schema; `upload.files_per_request` limits them further."""
 """Allowance for form fields other than files."""
-_MOST_BESIDE = 250_000
+_MOST_BESIDE = 150_000
 """Characters of a file beside a photo that is sent with an upload."""
 
 
@@ -231,7 +231,7 @@ class UploadIn(Schema):
     )
     beside = BoundedList(
         Nested(BesideIn),
-        most=4,
+        most=3,
         load_default=list,
         metadata={
             "description": "Files beside the photo, by their names: `.xmp`, and the JSON of Google Takeout. "
