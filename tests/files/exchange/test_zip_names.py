@@ -58,10 +58,24 @@ def test_code_pages_of_central_europe(unpacked, encoding):
     assert unpacked({**files, b"map.cfg": cfg(*names)}) == sorted(names)
 
 
-def test_decomposed_names_of_the_finder_are_utf_8(unpacked):
-    names = [unicodedata.normalize("NFD", name) for name in NAMES]
-    files = {name.encode(): b"photo" for name in names}
-    assert unpacked({**files, b"map.cfg": cfg(*NAMES)}) == sorted(names)
+@pytest.mark.parametrize("folder", ["", "Mapa é/"])
+@pytest.mark.parametrize(("stored", "named"), [("NFD", "NFC"), ("NFC", "NFD"), ("NFD", "NFD")])
+def test_decomposed_names_of_the_finder_get_the_form_of_the_map(unpacked, folder, stored, named):
+    files = {(folder + unicodedata.normalize(stored, name)).encode(): b"photo" for name in NAMES}
+    names = [unicodedata.normalize(named, name) for name in NAMES]
+    files[f"{folder}map.cfg".encode()] = cfg(*names)
+    assert unpacked(files) == sorted(folder + name for name in names)
+
+
+def test_decomposed_names_with_the_flag_get_the_form_of_the_map(tmp_path):
+    (tmp_path / "out").mkdir()
+    with zipfile.ZipFile(tmp_path / "map.zip", "w") as archive:
+        archive.writestr("cafe\u0301.jpg", b"1")
+        archive.writestr("CAF\u00c9 2.jpg", b"2")
+        archive.writestr("map.cfg", cfg("caf\u00e9.jpg", "caf\u00e9 2.jpg"))
+    unpack(tmp_path / "map.zip", tmp_path / "out", limits=ImportLimits(), reserve_mb=0, progress=Progress())
+    # another case is another name
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"caf\u00e9.jpg", "CAF\u00c9 2.jpg", "map.cfg"}
 
 
 def test_without_a_map_that_names_them_names_are_utf_8_where_valid_and_cp437_otherwise(unpacked):

@@ -6,6 +6,7 @@ the machine, and readers take all of these for CP437.
 
 from __future__ import annotations
 
+import unicodedata
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -27,18 +28,22 @@ def names_of(opened: zipfile.ZipFile, infos: Sequence[zipfile.ZipInfo]) -> list[
     """Return the names of files in a zip, in their order.
 
     A name whose encoding is not stated is UTF-8 if it is valid as such, or else in one code page for the
-    whole zip: what the `.cfg` files in it name decides.
+    whole zip: what the `.cfg` files in it name decides. A name in another Unicode form than there, such as
+    the decomposed one of macOS, gets that of the `.cfg`.
     """
-    unknown = {number: raw for number, info in enumerate(infos) if (raw := _raw(info)) is not None}
     names = [info.filename for info in infos]
-    if not unknown:
+    if all(name.isascii() for name in names):
         return names
+    unknown = {number: raw for number, info in enumerate(infos) if (raw := _raw(info)) is not None}
     named = _Named(opened, infos)
     pages = sorted(_CODE_PAGES, key=lambda page: -sum(named.has(raw, page) for raw in unknown.values()))
     for number, raw in unknown.items():
         pages_of_name = ["utf-8", pages[0]] if _decoded(raw, "utf-8") is not None else [pages[0]]
         page = next((page for page in pages_of_name if named.has(raw, page)), pages_of_name[0])
-        names[number] = _decoded(raw, page) or names[number]
+        names[number] = named.spelled(raw, page) or names[number]
+    stated = {number: name for number, name in enumerate(names) if number not in unknown}
+    for number, name in stated.items():
+        names[number] = named.spelled(name.encode("utf-8", "surrogatepass"), "utf-8") or name
     return names
 
 
@@ -62,7 +67,7 @@ class _Named:
     """What the `.cfg` files in a zip name, relative to their folders."""
 
     def __init__(self, opened: zipfile.ZipFile, infos: Sequence[zipfile.ZipInfo]) -> None:
-        found: dict[bytes, set[str]] = {}
+        found: dict[bytes, dict[str, str]] = {}
         left = _MOST_BYTES
         for info in infos:
             if not info.filename.lower().endswith(".cfg") or left <= 0:
@@ -73,21 +78,37 @@ class _Named:
             with suppress(*_UNREADABLE), opened.open(info) as file:
                 data = file.read(left)
             left -= len(data)
-            found.setdefault(folder, set()).update(_names_in(data))
-        self._names: Mapping[bytes, set[str]] = found
+            found.setdefault(folder, {}).update((folded(name), name) for name in _names_in(data))
+        self._names: Mapping[bytes, Mapping[str, str]] = found
 
     def has(self, raw: bytes, encoding: str) -> bool:
         """Return whether a `.cfg` names the file whose name is encoded like this."""
+        return any(folded(inside) in names for inside, names in self._inside(raw, encoding))
+
+    def spelled(self, raw: bytes, encoding: str) -> str | None:
+        """Return a name in the Unicode form of the `.cfg` that names the file; None if it is not decoded."""
+        name = _decoded(raw, encoding)
+        for inside, names in self._inside(raw, encoding):
+            other = names.get(folded(inside))
+            if name is not None and other is not None and _composed(other) == _composed(inside):
+                return name[: len(name) - len(inside)] + other
+        return name
+
+    def _inside(self, raw: bytes, encoding: str) -> Iterator[tuple[str, Mapping[str, str]]]:
+        """Yield the name relative to each folder with a `.cfg` that it is in, and what this names."""
         for folder, names in self._names.items():
             if not folder or raw.startswith(folder + b"/"):
                 inside = _decoded(raw[len(folder) + 1 :] if folder else raw, encoding)
-                if inside is not None and folded(inside) in names:
-                    return True
-        return False
+                if inside is not None:
+                    yield inside, names
+
+
+def _composed(name: str) -> str:
+    return unicodedata.normalize("NFC", name)
 
 
 def _names_in(data: bytes) -> Iterator[str]:
     for number, line in enumerate(data.removeprefix(b"\xef\xbb\xbf").splitlines()):
         cells = line.decode("utf-8", "ignore").split(";", 2)
         if number == 0 or len(cells) > 1:
-            yield folded(cells[min(number, 1)].strip())
+            yield cells[min(number, 1)].strip()
