@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import rasterio
 from PIL import Image
 
 from webapp.errors import DiskFull
@@ -470,3 +471,25 @@ class TestFilesBesidePhotos:
         Image.fromarray(np.linspace(500, 900, 1200).astype(np.uint16).reshape(30, 40)).save(dark, "PNG")
         (answer,) = send((dark.getvalue(), "dark.png")).json
         assert "contrast was stretched" in answer["notes"][0]
+
+    def test_what_looks_like_a_plan_is_said(self, send, library, park):
+        plan = io.BytesIO()
+        profile = {
+            "driver": "GTiff",
+            "dtype": "uint8",
+            "count": 1,
+            "width": 40,
+            "height": 30,
+            "crs": "EPSG:32633",
+        }
+        with rasterio.open(
+            plan, "w", transform=rasterio.Affine(1, 0, 458000, 0, -1, 5550000), **profile
+        ) as out:
+            out.write(np.zeros((1, 30, 40), np.uint8))
+        with library.database.write() as session:
+            record = session.query(MapRecord).filter_by(slug=park).one()
+            record.satellite_width, record.satellite_height = 200, 150
+        sheet = io.BytesIO()
+        Image.new("RGB", (200, 150)).save(sheet, "PNG")
+        answers = send((plan.getvalue(), "a.tif"), (sheet.getvalue(), "b.png"), (jpeg(7), "c.jpg")).json
+        assert ["like a plan" in " ".join(one["notes"]) for one in answers] == [True, True, False]

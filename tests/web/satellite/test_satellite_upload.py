@@ -80,7 +80,8 @@ class TestUpload:
     def test_an_image_on_its_side_is_turned(self, client, base, put, record, kind):
         exif = Image.Exif()
         exif[0x0112] = 6
-        assert put(png(300, 200, kind=kind, exif=exif)).status_code == 200
+        said = put(png(300, 200, kind=kind, exif=exif)).json["warnings"]
+        assert said[-1] == "it was turned by its EXIF orientation 6, to 200 x 300 pixels"
         assert (record().satellite_width, record().satellite_height) == (200, 300)
         shown = Image.open(io.BytesIO(client.get(f"{base}/satellite", buffered=True).data)).convert("RGB")
         assert shown.size == (200, 300)

@@ -212,6 +212,17 @@ def _damaged(reason: object) -> PhotoError:
     )
 
 
+def is_georeferenced_tiff(path: Path, *, limits: SatelliteLimits) -> bool:
+    """Return whether a file is a TIFF that places its pixels on the Earth; False if it cannot be read."""
+    if image_kind(path) != "GTiff" or not is_installed("geotiff"):
+        return False
+    try:
+        with opened_raster(path, limits=limits) as raster:
+            return raster.georeferenced
+    except PhotoError:  # its reader reports it
+        return False
+
+
 def reduced(raster: Raster, max_side: int) -> Pixels:
     """Scale an image down by averaging squares of pixels, reading it once.
 

@@ -22,6 +22,7 @@ from webapp.files.photos.exif_gps import ABSENT, Gps
 from webapp.files.photos.panorama import PanoramaTags, find_panorama
 from webapp.files.photos.photo import PhotoFacts, read_facts, remarks
 from webapp.files.photos.sidecars import Sidecar, beside_photo, with_sidecars
+from webapp.files.satellite.raster import is_georeferenced_tiff
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.maps import maps
@@ -45,6 +46,7 @@ SUFFIXES: Mapping[str, str] = {
 }
 """Suffix of a stored photo by its format."""
 _MAX_NAME = 300
+_PLAN_NOTE = "it looks like a plan or satellite image: as the map's image, add it on the page Image"
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +119,7 @@ def add_photo(
         facts = _read(photo, name=name, settings=settings)
         around = find_panorama(source, facts, limits=settings.photo)
         previews = preview.make_previews(source, limits=settings.photo)
+        is_plan = _is_of_no_camera(facts) and is_georeferenced_tiff(source, limits=settings.satellite)
     sha256 = sha256_of(source)
     stored = storage.store(source)  # before the transaction, which blocks other writers
     with (changing or library.changing)(map_id) as change:
@@ -125,6 +128,8 @@ def add_photo(
             raise NotFound("the map was deleted, or is in the bin")
         folder = library.map_folder(record.slug)
         row = _row(facts, name=name, sha256=sha256, size_bytes=source.stat().st_size)
+        if photo.known is None and (is_plan or _has_size_of_image(facts, record)):
+            row.file_notes = [*(row.file_notes or ()), _PLAN_NOTE]
         if around is not None:
             mark_panorama(row, around)
         if photo.known is not None:
@@ -158,6 +163,16 @@ def _read(photo: IncomingPhoto, *, name: str, settings: Settings) -> PhotoFacts:
     if contrast is not None:
         facts = replace(facts, notes=(*facts.notes, contrast))
     return with_sidecars(facts, beside_photo(name, photo.beside))
+
+
+def _is_of_no_camera(facts: PhotoFacts) -> bool:
+    return facts.camera is None and facts.taken_at is None and facts.fov is None and not facts.gps
+
+
+def _has_size_of_image(facts: PhotoFacts, record: MapRecord) -> bool:
+    """Return whether a picture that no camera took has the size of the map's image."""
+    size = record.satellite_width, record.satellite_height
+    return _is_of_no_camera(facts) and size == (facts.width, facts.height)
 
 
 def suffix_of(facts: PhotoFacts) -> str:

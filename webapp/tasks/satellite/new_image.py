@@ -24,7 +24,7 @@ from webapp.tasks.satellite import display
 from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, ImageChoice, ImageEditResult, NewImage, set_image
 from webapp.tasks.satellite.files import removed_if_refused
 from webapp.tasks.satellite.georeference import GeoreferenceRequest, fit
-from webapp.tasks.satellite.upright import as_shown
+from webapp.tasks.satellite.upright import as_shown, turned_note
 
 SMALLEST_PX, LARGEST_PX = 100, 10_000
 
@@ -34,7 +34,7 @@ class UploadedImage:
     """The result of an uploaded image."""
 
     applied: ImageEditResult
-    warnings: tuple[str, ...]  # Warnings about its georeference
+    warnings: tuple[str, ...]  # About its georeference, and whether it was turned
 
 
 def store_upload(
@@ -73,6 +73,7 @@ def store_upload(
         else:
             found = fit(request, width=width, height=height)
             georeference, warnings = found.georeference, found.warnings
+        warnings = (*warnings, *filter(None, [turned_note(file, settings)]))
         name = keep_file(shown, folder)
     display.write_small(folder, name, small=small, large=max(width, height) > DISPLAY_SIDE_PX)
     new = NewImage(name, MapImage(width, height, georeference))

@@ -135,6 +135,18 @@ def _shape(path: Path, settings: Settings) -> _Shape:
     return _Shape(facts.orientation, (facts.width, facts.height))
 
 
+def turned_note(path: Path, settings: Settings) -> str | None:
+    """Return a sentence if an image is turned by its EXIF orientation; None if it is shown as stored."""
+    try:
+        shape = _shape(path, settings)
+    except PhotoError:
+        return None
+    if shape.turn == _UPRIGHT:
+        return None
+    width, height = shape.upright
+    return f"it was turned by its EXIF orientation {shape.turn}, to {width} x {height} pixels"
+
+
 def upright_copy(
     path: Path, *, scratch: Path, settings: Settings, described: Size | None = None
 ) -> Path | None:
