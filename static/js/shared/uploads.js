@@ -6,6 +6,7 @@
  */
 
 import { post, upload } from "./api.js";
+import { t } from "./i18n.js";
 import { besidePhoto, isSidecar } from "./sidecars.js";
 import { sendInChunks } from "./send-chunks.js";
 
@@ -77,7 +78,12 @@ export class Uploads extends EventTarget {
     const there = new Set(this.entries.map(({ file }) => fingerprint(file)));
     const [sidecars, photos] = [files.filter(isSidecar), files.filter((file) => !isSidecar(file))];
     const fresh = photos.filter((file) => !there.has(fingerprint(file))).sort((a, b) => byName(a.name, b.name));
-    this.entries.push(...fresh.map((file) => ({ file, beside: besidePhoto(file, sidecars), state: "waiting", sent: 0, error: null, result: null })));
+    const entry = { state: "waiting", sent: 0, error: null, result: null };
+    const added = fresh.map((file) => ({ ...entry, file, beside: besidePhoto(file, sidecars) }));
+    const used = new Set(photos.flatMap((file) => besidePhoto(file, sidecars)));
+    const alone = sidecars.filter((file) => /\.xmp$/i.test(file.name) && !used.has(file));
+    const error = { message: t("This file belongs to a photo: choose both together."), hint: null, status: 422 };
+    this.entries.push(...added, ...alone.map((file) => ({ ...entry, file, beside: [], state: "failed", error })));
     this._fill();
     this._tell();
   }
