@@ -229,7 +229,7 @@ PANO = 'xmlns:GPano="http://ns.google.com/photos/1.0/panorama/" GPano:Projection
     [
         ((240, 60), None, {}, "as wide as a part of a panorama"),
         ((60, 240), None, {}, "as wide as a part of a panorama"),
-        ((200, 100), None, {}, "not marked"),
+        ((200, 100), None, {}, "do not mark it"),
         ((200, 100), None, {0xA405: 28}, None),
         ((160, 90), None, {}, None),
         ((240, 60), PANO, {}, "is a part of a panorama"),

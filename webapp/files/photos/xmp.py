@@ -191,9 +191,7 @@ def panorama_notes(xmp: Xmp, *, width: int, height: int, has_fov: bool) -> tuple
         if ratio >= _WIDE:
             return ("it is as wide as a part of a panorama, and is taken as a plain photo",)
         if width > height and abs(ratio - _WHOLE) <= _TOLERANCE * _WHOLE and not has_fov:
-            return (
-                "it is twice as wide as high like a panorama, but not marked as one: taken as a plain photo",
-            )
+            return ("it is twice as wide as high like a panorama, but its metadata do not mark it as one",)
         return ()
     full, shown = xmp.panorama("FullPanoWidthPixels"), xmp.panorama("CroppedAreaImageWidthPixels")
     if (full and shown and full != shown) or abs(width / height - _WHOLE) > _TOLERANCE * _WHOLE:
