@@ -217,3 +217,11 @@ def _known(table: Mapping[str, Setting], section: str) -> str:
         return f"known in {section}: {', '.join(names)}"
     sections = dict.fromkeys(f"[{key.partition('.')[0]}]" for key in table if "." in key)
     return f"known: {', '.join([*sections, *(key for key in table if '.' not in key)])}"
+
+
+def refuse_script_name() -> None:
+    """Refuse to serve below a path, which gunicorn would take from the environment. Raises UsageError."""
+    prefix = os.environ.get("SCRIPT_NAME", "").strip("/")
+    if prefix:
+        hint = "unset SCRIPT_NAME, and give the server a host name or a port of its own"
+        raise UsageError(f"Experience Map cannot be served below a path (/{prefix})", hint=hint)

@@ -91,3 +91,24 @@ def test_real_odd_photos(make_page, shared_data, context, api):
     photos = api.state(edit.slug)["photos"]
     refused = edit.page.get_by_test_id("error-message").count()
     assert photos and len(photos) + refused <= len(paths)
+
+
+XMP = (
+    '<x:xmpmeta xmlns:x="adobe:ns:meta/"><r:RDF xmlns:r="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+    '<r:Description xmlns:exif="http://ns.adobe.com/exif/1.0/" exif:GPSLatitude="50,6.0N" '
+    'exif:GPSLongitude="14,24.0E"/></r:RDF></x:xmpmeta>'
+)
+
+
+def test_files_beside_photos_are_sent_with_them(make_page, api, tmp_path, small_photos):
+    (tmp_path / "a.jpg").write_bytes(small_photos[0].read_bytes())
+    (tmp_path / "a.jpg.xmp").write_text(XMP)
+    (tmp_path / "alone.xmp").write_text(XMP)
+    edit = make_page(0)
+    edit.choose_photos([tmp_path / name for name in ("a.jpg.xmp", "a.jpg", "alone.xmp")])
+    edit.uploaded()
+    errors = edit.page.get_by_test_id("error-message")
+    expect(errors).to_contain_text("belongs to a photo")
+    (photo,) = api.state(edit.slug)["photos"]
+    assert (photo["gps"]["lat"], photo["file_notes"]) == (50.1, ["its position is from a.jpg.xmp"])
+    expect(edit.page.locator("#current")).to_contain_text("its position is from a.jpg.xmp")

@@ -120,3 +120,16 @@ def test_an_existing_map_is_exit_code_2(expmap, folder):
     assert code == 2
     assert "--force" in err
     assert expmap(*arguments, "--force")[0] == 0
+
+
+def test_columns_of_a_table_without_a_header(expmap, folder):
+    (folder / "list.csv").write_text("a.jpg;50.0001;14.0001\nb.jpg;50.0002;14.0002\n")
+    common = ("map", "from-photos", folder / "photos", "--blank", "--json", "-o", folder / "map.cfg")
+    code, _, err = expmap(*common, "--positions", folder / "list.csv")
+    assert code != 0 and "name=1, lat=2, lon=3" in err
+    code, out, _ = expmap(*common, "--positions", folder / "list.csv", "--columns", "name=1, lat=2, lon=3")
+    report = json.loads(out)
+    assert (code, report["counts"]["placed"]) == (0, 2)
+    assert [file["position_from"] for file in report["files"]] == ["list", "list", None]
+    code, _, err = expmap(*common, "--columns", "name=1")
+    assert code != 0 and "--positions" in err

@@ -238,6 +238,16 @@ def test_an_unknown_host(folder):
     assert "cannot listen there" in done.stderr.splitlines()[-1]
 
 
+def test_below_a_path_it_does_not_start(folder, monkeypatch):
+    monkeypatch.setenv("SCRIPT_NAME", "/maps")
+    done = subprocess.run(command(folder), capture_output=True, text=True, cwd=ROOT, timeout=300)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.splitlines() == [
+        "expmap: Experience Map cannot be served below a path (/maps) "
+        "(unset SCRIPT_NAME, and give the server a host name or a port of its own)"
+    ]
+
+
 def test_an_application_that_does_not_start_is_given_up(folder):
     text = (
         "import sys; from pathlib import Path\n"

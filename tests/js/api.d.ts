@@ -230,6 +230,10 @@ export interface components {
             /** @description Records that are new. */
             stored?: number;
         };
+        BesideIn: {
+            content: string;
+            name: string;
+        };
         BlankIn: {
             /** @default null */
             height: number | null;
@@ -300,6 +304,8 @@ export interface components {
             time_s?: number;
         };
         ChunkOut: {
+            /** @description of a file beside a photo: the name of the photo that it was read for */
+            belongs_to?: string;
             /** @description the map had this photo already */
             duplicate?: boolean;
             error?: components["schemas"]["ErrorOut"];
@@ -310,6 +316,8 @@ export interface components {
             /** @description that takes it into the index */
             job?: number | null;
             name?: string;
+            /** @description about its file: where its position is from, what was left out */
+            notes?: string[];
             offset?: number;
             placed?: boolean;
         };
@@ -800,6 +808,8 @@ export interface components {
             name: string | null;
         };
         IntakeOut: {
+            /** @description of a file beside a photo: the name of the photo that it was read for */
+            belongs_to?: string;
             /** @description the map had this photo already */
             duplicate?: boolean;
             error?: components["schemas"]["ErrorOut"];
@@ -810,6 +820,8 @@ export interface components {
             /** @description that takes it into the index */
             job?: number | null;
             name?: string;
+            /** @description about its file: where its position is from, what was left out */
+            notes?: string[];
             placed?: boolean;
         };
         JobErrorOut: {
@@ -1566,6 +1578,8 @@ export interface components {
             blurred?: components["schemas"]["BoxOut"][];
             /** @description Maker and model by EXIF; null: not said, or added by an older version. */
             camera?: string | null;
+            /** @description Sentences about its file: where its position is from if not from EXIF, what was left out. */
+            file_notes?: string[];
             /** @description Id of its floor; 0 is that of the map's own image. */
             floor?: number;
             /** @description Horizontal field of view of the upright photo. */
@@ -1633,7 +1647,7 @@ export interface components {
             name?: string;
         };
         PhotosIn: {
-            /** @description repeated: one for each photo */
+            /** @description repeated: one for each photo, and for the `.xmp` and JSON of Google beside photos */
             file: string[];
         };
         PlaceOut: {
@@ -2185,6 +2199,8 @@ export interface components {
             y_px: number;
         };
         SpotPhotoOut: {
+            /** @description of a file beside a photo: the name of the photo that it was read for */
+            belongs_to?: string;
             /** @description the map had this photo already */
             duplicate?: boolean;
             error?: components["schemas"]["ErrorOut"];
@@ -2195,6 +2211,8 @@ export interface components {
             /** @description that takes it into the index */
             job?: number | null;
             name?: string;
+            /** @description about its file: where its position is from, what was left out */
+            notes?: string[];
             placed?: boolean;
             /** @description It has no GPS, and waits with the spot as a suggestion. */
             suggested?: boolean;
@@ -2504,6 +2522,8 @@ export interface components {
             timed?: boolean;
         };
         UploadIn: {
+            /** @description Files beside the photo, by their names: `.xmp`, and the JSON of Google Takeout. What does not belong to it is ignored. */
+            beside?: components["schemas"]["BesideIn"][];
             /** @description the same for the same file: made of name, size and time, say */
             fingerprint: string;
             name: string;

@@ -185,6 +185,7 @@ def test_the_limits_of_a_route_follow_from_its_schema(app):
         "api_landmarks.correct",
         "api_placements.put",
         "api_staged.import_staged",
+        "api_uploads.begin",
         "maps.edit_many",
     }
 

@@ -152,9 +152,8 @@ def fresh(library, owner, make_map, add_mission):
                 evidence=[],
             )
             queries.add(session, record, row=row, most=10)
-            upload = uploads.begin(
-                session, record, account_id=owner.id, name="a.jpg", size_bytes=10, fingerprint="f"
-            )
+            file = uploads.Announced("a.jpg", 10, "f")
+            upload = uploads.begin(session, record, account_id=owner.id, file=file)
             job = jobs.enqueue(session, "health", map_id=map_id, account_id=owner.id)
             session.flush()
             photos = [0, 1]

@@ -235,6 +235,14 @@ def test_what_a_proxy_says_is_believed_only_when_there_is_one(settings, library)
         assert ("Secure" in answer.headers["Set-Cookie"]) is secure
 
 
+@pytest.mark.parametrize("path", ["/sign-in", "/api/v1/maps", "/static/js/sw.js", "/nowhere"])
+def test_below_a_path_of_a_proxy_every_request_says_that_it_is_not_supported(client, path):
+    answer = client.get(path, headers={"X-Forwarded-Prefix": "/maps"})
+    assert answer.status_code == 400
+    assert "cannot be served below a path (/maps)" in answer.text
+    assert client.get("/sign-in", headers={"X-Forwarded-Prefix": "/"}).status_code < 400
+
+
 def test_a_library_is_opened_where_none_is_given(settings):
     app = create_app(settings)
     assert app.test_client().get("/healthz").json["database"] == "ok"

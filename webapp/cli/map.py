@@ -182,6 +182,9 @@ def _copy_line(one: PhotoCopy) -> str:
     help="Positions by file name instead of EXIF: a .cfg, a table, GeoJSON, KML, or GPX with waypoints.",
 )  # fmt: skip
 @click.option(
+    "--columns", metavar="TEXT", help="Columns of a table of positions: name=File, lat=Latitude, lon=3 ..."
+)
+@click.option(
     "--panoramas", "assume", is_flag=True,
     help="Treat all photos twice as wide as high as panoramas, even without panorama metadata.",
 )  # fmt: skip
@@ -214,6 +217,7 @@ def from_photos(
     model: Model | None,
     blank: bool,
     positions: Path | None,
+    columns: str | None,
     assume: bool,
     mask: Path | None,
     lowest: float,
@@ -242,6 +246,8 @@ def from_photos(
     if len(kinds) > 1:
         names = " and ".join(f"--{kind.kind}" for kind in kinds)
         raise UsageError(f"{names} cannot be used together", hint="choose one of them")
+    if columns and positions is None:
+        raise UsageError("--columns needs a table of positions", where="--columns", hint="add --positions")
     if not kinds and (crs or model):
         raise UsageError("--crs and --model need a source of the georeference", hint="add one of them")
     around = map_from_photos.PanoramaOptions(assume, mask, lowest, highest)
@@ -250,6 +256,7 @@ def from_photos(
         satellite,
         next(iter(kinds), None),
         positions=positions,
+        columns=columns,
         copy=copy,
         force=force,
         panoramas=around,
@@ -287,6 +294,8 @@ def _report_table(report: map_from_photos.PlaceReport) -> str:
         if file.experience is not None:
             x, y = file.experience.position
             details.append(f"id {file.experience.id} at x {x:.1f}, y {y:.1f}")
+        if file.position_from not in (None, "EXIF"):
+            details.append(f"position from {file.position_from}")
         lines.append(f"{file.name:{width}}  {file.state:17}  {'; '.join((*details, *file.notes))}".rstrip())
     counts = ", ".join(f"{report.count(state)} {state}" for state in FileState)
     return "\n".join([*lines, f"{len(report.files)} files: {counts}"])
@@ -319,5 +328,6 @@ def _file_as_json(file: FileResult) -> dict[str, object]:
         "fov_deg": e and e.fov_deg,
         "gps_accuracy_m": e and e.gps_accuracy_m,
         "taken_at": e and e.taken_at,
+        "position_from": file.position_from,
         "notes": list(file.notes),
     }

@@ -14,6 +14,7 @@ import click
 from webapp import telemetry
 from webapp.cli.composition import Composition
 from webapp.cli.library import library_option, library_settings
+from webapp.configuration import refuse_script_name
 from webapp.jobs import serving
 from webapp.logs import FORMS, Form, log_to_stderr
 from webapp.store.library import open_library
@@ -66,6 +67,7 @@ def serve(
     """
     log_to_stderr(log)
     settings = library_settings(library)
+    refuse_script_name()
     telemetry.start(settings.traces)
     site = serving.Site(composition.web_app, host, port, workers or settings.serve.workers, log)
     serving.serve(site, settings=settings, echo=click.echo)

@@ -57,6 +57,12 @@ _BULK = (0.001, 0.999)
 
 _ROWS = 256
 
+_COLOURS_LEFT_OUT = {"LAB": "CIELab", "HSV": "HSV"}
+"""Modes of Pillow that cannot be converted, and what they are."""
+
+_JPEG_XL = (b"\xff\n", b"\0\0\0\x0cJXL \r\n\x87\n")
+"""The first bytes of its files."""
+
 _TILE = (322, 323)
 """Tags of TIFF: width and height of a tile, pixels."""
 
@@ -92,6 +98,7 @@ def open_image(source: Path | bytes, *, limits: PhotoLimits) -> Iterator[Image.I
             with Image.open(file, formats=FORMATS) as image:
                 _check_pixels(image, limits)
                 _check_side(image)
+                _check_colours(image)
                 _check_tiles(image)
                 if image.format in ("JPEG", "MPO"):
                     check_scans(source)
@@ -99,6 +106,8 @@ def open_image(source: Path | bytes, *, limits: PhotoLimits) -> Iterator[Image.I
         except PhotoError as error:
             raise PhotoError(error.message, where=where, hint=error.hint) from error
         except UnidentifiedImageError as error:
+            if is_jpeg_xl(source):
+                raise jpeg_xl_error(where) from error
             raise PhotoError("it is not an image of a known format", where=where) from error
         except Image.DecompressionBombError as error:
             raise PhotoError("it has far too many pixels", where=where) from error
@@ -106,6 +115,50 @@ def open_image(source: Path | bytes, *, limits: PhotoLimits) -> Iterator[Image.I
             raise PhotoError(f"it cannot be read: {error.strerror or error}", where=where) from error
         except DAMAGED as error:
             raise PhotoError(f"it is damaged: {error}", where=where) from error
+
+
+def is_jpeg_xl(source: Path | bytes) -> bool:
+    """Return whether a file, or content, is JPEG XL, which is not read."""
+    if isinstance(source, bytes):
+        return source.startswith(_JPEG_XL)
+    with source.open("rb") as file:
+        return file.read(max(map(len, _JPEG_XL))).startswith(_JPEG_XL)
+
+
+def jpeg_xl_error(where: str | None = None) -> PhotoError:
+    """Return the error about a JPEG XL image."""
+    return PhotoError(
+        "it is JPEG XL, which is not supported yet", where=where, hint="convert it to JPEG or PNG"
+    )
+
+
+def _check_colours(image: Image.Image) -> None:
+    if image.mode in _COLOURS_LEFT_OUT:
+        raise unsupported_colours(_COLOURS_LEFT_OUT[image.mode])
+
+
+def unsupported_colours(name: str) -> PhotoError:
+    """Return the error about an image whose colours cannot be converted."""
+    return PhotoError(f"it has unsupported colours ({name})", hint="save it in RGB, as JPEG or PNG")
+
+
+def contrast_note(source: Path | bytes, *, limits: PhotoLimits) -> str | None:
+    """Return a sentence if `decode` stretches the contrast of an image; None if not.
+
+    Raises PhotoError.
+    """
+    with open_image(source, limits=limits) as image:
+        if not (image.mode.startswith("I;16") or image.mode == "I"):
+            return None
+        image.load()
+        values = np.asarray(image)
+        if values.max(initial=0) >= 65536 or values.min(initial=0) < 0:
+            return None
+        found = _small_range([values[top : top + _ROWS] for top in range(0, len(values), _ROWS)])
+    if found is None:
+        return None
+    low, high = found
+    return f"its contrast was stretched: nearly all of its 16-bit values are from {low} to {high}"
 
 
 def decode(image: Image.Image, mode: Literal["L", "RGB"]) -> Pixels:

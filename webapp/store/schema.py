@@ -26,6 +26,7 @@ class Base(DeclarativeBase):
     type_annotation_map: ClassVar[dict[Any, Any]] = {
         dict[str, Any]: JSON,
         list[dict[str, Any]]: JSON,
+        list[str]: JSON,
         datetime: UtcDateTime,
     }
 
@@ -224,6 +225,8 @@ class Photo(Base):
     gps_accuracy_m: Mapped[float | None]
     gps_problem: Mapped[str | None]
     """A sentence on why there is no GPS position."""
+    file_notes: Mapped[list[str] | None]
+    """Sentences about its file: where its position is from, what was left out."""
 
     x_px: Mapped[float | None]
     y_px: Mapped[float | None]
@@ -309,6 +312,8 @@ class Upload(Base):
     size_bytes: Mapped[int]
     photo_id: Mapped[int | None]
     """Reserved for the photo; None for an upload that an older version began."""
+    beside: Mapped[list[dict[str, Any]] | None]
+    """Files beside the photo: `name` and `content`, as text."""
     created_at: Mapped[datetime] = mapped_column(default=now)
 
 

@@ -6,11 +6,13 @@ from datetime import timedelta
 from functools import partial
 
 from apiflask import APIFlask
+from flask import request
 from werkzeug.middleware.proxy_fix import ProxyFix
 from werkzeug.routing import IntegerConverter, Map
 
 from webapp import __version__
 from webapp.core.mapmodel.checks import MAX_NUMBER
+from webapp.errors import UsageError
 from webapp.resources import resource_folder
 from webapp.settings import Settings
 from webapp.store.library import Library, open_library
@@ -87,9 +89,20 @@ def make_app(settings: Settings, parts: Parts, *, library: Library | None = None
     app.url_map.converters["id"] = IdConverter
     for part in _PARTS:
         part.init_app(app)
+    app.before_request(_refuse_prefix)
     for blueprint in parts.blueprints:
         app.register_blueprint(blueprint)
     if settings.web.proxies:
         trusted = partial(ProxyFix, x_for=settings.web.proxies, x_proto=settings.web.proxies)
         app.wsgi_app = trusted(app.wsgi_app, x_host=settings.web.proxies)  # type: ignore[method-assign]
     return app
+
+
+def _refuse_prefix() -> None:
+    """Refuse what a proxy took from below a path: links, cookies and the service worker are of a host."""
+    prefix = request.headers.get("X-Forwarded-Prefix", request.script_root).strip().strip("/")
+    if prefix:
+        raise UsageError(
+            f"Experience Map cannot be served below a path (/{prefix[:80]})",
+            hint="give it a host name or a port of its own: maps.example.org, not example.org/maps",
+        )

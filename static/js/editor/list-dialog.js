@@ -69,8 +69,9 @@ export function listDialog({ server, refresh, dots, view }, given, report) {
     const mine = (turn += 1);
     place.disabled = true;
     if (!fields().file) return;
-    if (!columns.complete()) {
-      outcome.replaceChildren(h("p", {}, t("Say which columns hold the file name and the position.")));
+    const ask = h("p", {}, t("Say which columns hold the file name and the position."));
+    if (!columns.complete() && columns.value()) {
+      outcome.replaceChildren(ask);
       return;
     }
     try {
@@ -84,7 +85,7 @@ export function listDialog({ server, refresh, dots, view }, given, report) {
       if (wanted.length) view.focus(wanted.map(({ x_px: x, y_px: y }) => [x, y]));
     } catch (problem) {
       if (mine !== turn) return;
-      outcome.replaceChildren();
+      outcome.replaceChildren(...(columns.complete() ? [] : [ask])); // the server knows more headers
       moveLine.hidden = true;
       error.show(problem);
     }

@@ -14,6 +14,7 @@ import { loadDetails } from "../shared/map/photo-details.js";
 import { PhotoDots } from "../shared/map/photo-dots.js";
 import { printDialog } from "../shared/print-dialog.js";
 import { toast, toastError } from "../shared/toast.js";
+import { isSidecar } from "../shared/sidecars.js";
 import { Uploads } from "../shared/uploads.js";
 import { Activity } from "./activity.js";
 import { bulkPlacing } from "./bulk-placing.js";
@@ -123,7 +124,7 @@ function takeFiles() {
   const take = async (files) => {
     const lists = files.filter(({ name }) => /\.(cfg|csv|tsv|txt|json|geojson|kml|gpx)$/i.test(name));
     const photos = files.filter((file) => !lists.includes(file));
-    if (photos.length) uploads.add(photos);
+    if (photos.length) uploads.add(files.filter((file) => !lists.includes(file) || isSidecar(file)));
     else if (lists.length) (await isTrack(lists[0]) ? bulk.track : bulk.positions)(lists[0]);
   };
   listenToDrops(byId("drop"), take);

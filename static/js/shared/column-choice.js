@@ -5,6 +5,7 @@ import { t } from "./i18n.js";
 
 const HEAD_BYTES = 4096;
 const MOST = 60;
+const NO_HEADER = /^("?sep=.|# |$)/i; // a line for Excel, or a comment
 const SEPARATORS = [";", "\t", ",", "|", " "];
 
 /**
@@ -74,7 +75,8 @@ function plain(head) {
 }
 
 function headsOf(text) {
-  const first = text.replace(/^\ufeff/, "").split(/\r?\n/, 1)[0].trim();
+  const lines = text.replace(/^\ufeff/, "").split(/\r?\n/).map((line) => line.trim());
+  const first = lines.find((line) => !NO_HEADER.test(line)) || "";
   const separator = SEPARATORS.find((one) => first.includes(one)) || ",";
   return first.split(separator).slice(0, MOST).map((head) => head.trim().replace(/^"|"$/g, ""));
 }

@@ -6,6 +6,8 @@
  */
 
 import { post, upload } from "./api.js";
+import { t } from "./i18n.js";
+import { besidePhoto, isSidecar } from "./sidecars.js";
 import { sendInChunks } from "./send-chunks.js";
 
 const PARALLEL = 3;
@@ -32,6 +34,7 @@ export function uploadEndpoints(slug) {
 /**
  * @typedef {Object} Entry
  * @property {File} file
+ * @property {File[]} beside files that may say where it was taken
  * @property {"waiting"|"sending"|"done"|"failed"|"cancelled"} state
  * @property {number} sent bytes sent
  * @property {?{message: string, hint: ?string}} error
@@ -62,7 +65,10 @@ export class Uploads extends EventTarget {
     return this._running > 0;
   }
 
-  /** @param {File[]} files */
+  /**
+   * Files beside photos are sent with these; others of them are left out.
+   * @param {File[]} files
+   */
   add(files) {
     if (!this.busy) {
       this.entries = [];
@@ -70,8 +76,14 @@ export class Uploads extends EventTarget {
       this._stop = new AbortController();
     }
     const there = new Set(this.entries.map(({ file }) => fingerprint(file)));
-    const fresh = files.filter((file) => !there.has(fingerprint(file))).sort((a, b) => byName(a.name, b.name));
-    this.entries.push(...fresh.map((file) => ({ file, state: "waiting", sent: 0, error: null, result: null })));
+    const [sidecars, photos] = [files.filter(isSidecar), files.filter((file) => !isSidecar(file))];
+    const fresh = photos.filter((file) => !there.has(fingerprint(file))).sort((a, b) => byName(a.name, b.name));
+    const entry = { state: "waiting", sent: 0, error: null, result: null };
+    const added = fresh.map((file) => ({ ...entry, file, beside: besidePhoto(file, sidecars) }));
+    const used = new Set(photos.flatMap((file) => besidePhoto(file, sidecars)));
+    const alone = sidecars.filter((file) => /\.xmp$/i.test(file.name) && !used.has(file));
+    const error = { message: t("This file belongs to a photo: choose both together."), hint: null, status: 422 };
+    this.entries.push(...added, ...alone.map((file) => ({ ...entry, file, beside: [], state: "failed", error })));
     this._fill();
     this._tell();
   }
@@ -85,7 +97,7 @@ export class Uploads extends EventTarget {
 
   /** Retry files that may succeed. */
   retry() {
-    const files = this.entries.filter(canGoAgain).map(({ file }) => file);
+    const files = this.entries.filter(canGoAgain).flatMap(({ file, beside }) => [file, ...beside]);
     this.entries = this.entries.filter((entry) => !canGoAgain(entry));
     this.add(files);
   }
@@ -128,9 +140,10 @@ export class Uploads extends EventTarget {
     return entry;
   }
 
-  _send(entry) {
+  async _send(entry) {
     const { file } = entry;
-    const about = { name: file.name, size_bytes: file.size, fingerprint: fingerprint(file) };
+    const beside = await Promise.all(entry.beside.map(async (one) => ({ name: one.name, content: await one.text() })));
+    const about = { name: file.name, size_bytes: file.size, fingerprint: fingerprint(file), beside };
     return sendInChunks(file, {
       begin: () => this._inTurn(() => this.server.beginUpload(about)),
       sendChunk: this.server.sendChunk,

@@ -66,7 +66,7 @@ def test_a_long_list_is_searched_once_for_all_photos(tmp_path):
     ("text", "part"),
     [
         ("name;lon;when\n1.jpg;2;3\n", "no columns of names and positions"),
-        ("1.jpg;2;3\n", "name=File, lat=Latitude"),
+        ("1.jpg;2;3\n", "name=1, lat=2"),
         ("", "empty"),
         ("name;x;y\n1.jpg;a;2\n", ":2"),
         ("name;x;y\n1.jpg;1;2\n1.jpg;3;4\n", ":3"),

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import rasterio
-from pyproj import Transformer
+from pyproj import CRS, Transformer
 from rasterio.control import GroundControlPoint
 
 from webapp.core.geo.controlpoints import ControlPoint
@@ -278,4 +278,30 @@ def test_no_side_files_of_a_geotiff_are_read(tmp_path):
     path = tiff(tmp_path / "plain.tif")
     world(tmp_path / "plain.tfw", CENTRED)
     with pytest.raises(GeoreferenceError, match="no georeference"):
+        read_geotiff(path)
+
+
+def test_a_coordinate_system_in_the_file_next_to_a_geotiff(tmp_path):
+    path = tiff(tmp_path / "s.tif", transform=NORTH_UP)
+    aux = tmp_path / "s.tif.aux.xml"
+    aux.write_text(f"<PAMDataset><SRS>{CRS.from_epsg(32633).to_wkt()}</SRS><Metadata/></PAMDataset>")
+    check_utm(read_geotiff(path))
+    aux.write_text("<PAMDataset><SRS>EPSG:32634</SRS></PAMDataset>")
+    check_utm(read_geotiff(path, crs="EPSG:32633"))
+    check_utm(read_geotiff(tiff(tmp_path / "s.tif", crs="EPSG:32633", transform=NORTH_UP)))
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("<PAMDataset><SRS>+proj=utm +nadgrids=/etc/passwd</SRS></PAMDataset>", "unknown coordinate system"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]><PAMDataset><SRS>&b;</SRS></PAMDataset>', "entities"),
+        ("<PAMDataset><SRS>", "damaged"),
+        ("<PAMDataset/>", "states no coordinate system"),
+    ],
+)
+def test_a_bad_file_next_to_a_geotiff_is_refused(tmp_path, text, why):
+    path = tiff(tmp_path / "s.tif", transform=NORTH_UP)
+    (tmp_path / "s.tif.aux.xml").write_text(text)
+    with pytest.raises(GeoreferenceError, match=why):
         read_geotiff(path)

@@ -11,10 +11,11 @@ from pyproj import Geod
 
 from tests.tasks.maps.test_cut_panoramas import panorama
 from webapp.core.boxes import BlurBox
-from webapp.core.geo.types import MapPixel
+from webapp.core.geo.types import LatLon, MapPixel
 from webapp.core.mapmodel.panorama import Panorama
 from webapp.errors import Cancelled, MapError, UsageError
 from webapp.files.maps.folder import read_map
+from webapp.files.photos.geotags import Geotag, format_xmp
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
 from webapp.tasks.maps import check_map, from_photos
@@ -393,3 +394,29 @@ def test_panoramas_of_a_folder_are_one_experience_each(tmp_path):
     for one in found:
         assert one.panorama is not None
         assert np.allclose(one.panorama.masked, masked)
+
+
+def test_files_beside_photos_and_stretched_contrast_are_said(tmp_path):
+    photos = tmp_path / "photos"
+    photo(photos / "a.jpg", 50.0, 14.0)
+    photo(photos / "b.jpg")
+    photo(photos / "c.jpg")
+    Image.fromarray(np.linspace(500, 900, 1200).astype(np.uint16).reshape(30, 40)).save(photos / "d.png")
+    (photos / "a.xmp").write_bytes(format_xmp(Geotag(LatLon(50.001, 14.001), heading_deg=90.0)))
+    (photos / "b.jpg.json").write_text('{"geoData": {"latitude": 50.0005, "longitude": 14.0005}}')
+    (photos / "d.png.xmp").write_bytes(format_xmp(Geotag(LatLon(50.0, 14.0))))
+    report = from_photos.map_from_photos(
+        photos,
+        options=PlaceOptions(tmp_path / "map.cfg"),
+        settings=Settings(),
+        progress=Progress(),
+    )
+    files = {file.name: file for file in report.files}
+    assert {name: file.position_from for name, file in files.items()} == {
+        "a.jpg": "a.xmp", "a.xmp": None, "b.jpg": "b.jpg.json", "b.jpg.json": None, "c.jpg": None,
+        "d.png": "d.png.xmp", "d.png.xmp": None,
+    }  # fmt: skip
+    assert files["a.jpg"].latlon == pytest.approx((50.001, 14.001))
+    assert files["a.jpg"].experience.heading_deg == 90.0
+    assert (files["a.xmp"].state, files["a.xmp"].reason) == (FileState.NOT_A_PHOTO, "it was read for a.jpg")
+    assert "contrast was stretched" in files["d.png"].notes[-1]

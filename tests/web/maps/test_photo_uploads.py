@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import rasterio
 from PIL import Image
 
 from webapp.errors import DiskFull
@@ -414,3 +415,81 @@ def test_the_camera_of_a_photo_is_kept(send, client, park, maker, model, camera)
     send((file.getvalue(), "a.jpg"))
     (photo,) = client.get(f"/api/v1/maps/{park}").json["photos"]
     assert photo["camera"] == camera
+
+
+XMP = (
+    b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><r:RDF xmlns:r="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+    b'<r:Description xmlns:exif="http://ns.adobe.com/exif/1.0/" exif:GPSLatitude="50,6.0N" '
+    b'exif:GPSLongitude="14,24.0E"/></r:RDF></x:xmpmeta>'
+)
+GOOGLE = b'{"geoData": {"latitude": 50.2, "longitude": 14.5}}'
+
+
+class TestFilesBesidePhotos:
+    def test_in_one_request(self, send, client, park):
+        answers = send(
+            (jpeg(1), "a.jpg"), (XMP, "a.jpg.xmp"), (jpeg(2), "b.jpg"), (GOOGLE, "b.jpg.suppl.json"),
+            (XMP, "c.xmp"),
+        ).json  # fmt: skip
+        assert [one.get("belongs_to") for one in answers] == [None, "a.jpg", None, "b.jpg", None]
+        assert "no photo of the request" in answers[4]["error"]["message"]
+        assert [answers[n]["notes"] for n in (0, 2)] == [
+            ["its position is from a.jpg.xmp"],
+            ["its position is from b.jpg.suppl.json"],
+        ]
+        rows = client.get(f"/api/v1/maps/{park}/photos").json["photos"]
+        assert [(one["gps"]["lat"], one["gps_problem"]) for one in rows] == [(50.1, None), (50.2, None)]
+        assert rows[0]["file_notes"] == ["its position is from a.jpg.xmp"]
+
+    def test_with_an_upload_in_chunks(self, client, park):
+        data = jpeg(3, side=40)
+        sender = Sender(client, park)
+        beside = [
+            {"name": "other.xmp", "content": "x"},
+            {"name": "a.jpg.xmp", "content": XMP.decode()},
+        ]
+        given = {"name": "a.jpg", "size_bytes": len(data), "fingerprint": "f", "beside": beside}
+        begun = client.post(sender.url, json=given)
+        assert begun.status_code == 201
+        done = sender.chunk(begun.json["id"], data, offset=0).json
+        assert done["notes"] == ["its position is from a.jpg.xmp"]
+
+    @pytest.mark.parametrize(
+        "beside",
+        [
+            [{"name": "a.xmp"}],
+            [{"name": "a.xmp", "content": "x" * 150_001}],
+            [{"name": "a", "content": ""}] * 4,
+        ],
+    )
+    def test_too_much_beside_a_photo_is_refused(self, client, park, beside):
+        given = {"name": "a.jpg", "size_bytes": 10, "fingerprint": "f", "beside": beside}
+        assert client.post(f"/api/v1/maps/{park}/uploads", json=given).status_code == 422
+
+    def test_what_is_odd_in_a_file_is_said(self, send):
+        dark = io.BytesIO()
+        Image.fromarray(np.linspace(500, 900, 1200).astype(np.uint16).reshape(30, 40)).save(dark, "PNG")
+        (answer,) = send((dark.getvalue(), "dark.png")).json
+        assert "contrast was stretched" in answer["notes"][0]
+
+    def test_what_looks_like_a_plan_is_said(self, send, library, park):
+        plan = io.BytesIO()
+        profile = {
+            "driver": "GTiff",
+            "dtype": "uint8",
+            "count": 1,
+            "width": 40,
+            "height": 30,
+            "crs": "EPSG:32633",
+        }
+        with rasterio.open(
+            plan, "w", transform=rasterio.Affine(1, 0, 458000, 0, -1, 5550000), **profile
+        ) as out:
+            out.write(np.zeros((1, 30, 40), np.uint8))
+        with library.database.write() as session:
+            record = session.query(MapRecord).filter_by(slug=park).one()
+            record.satellite_width, record.satellite_height = 200, 150
+        sheet = io.BytesIO()
+        Image.new("RGB", (200, 150)).save(sheet, "PNG")
+        answers = send((plan.getvalue(), "a.tif"), (sheet.getvalue(), "b.png"), (jpeg(7), "c.jpg")).json
+        assert ["like a plan" in " ".join(one["notes"]) for one in answers] == [True, True, False]

@@ -65,6 +65,7 @@ class GpxWaypoint:
     kind: str
     point: GpxPoint
     state: str = ""
+    links: tuple[str, ...] = ()  # Addresses: `link` of GPX 1.1, `url` of 1.0
 
 
 def read_gpx(file: BinaryIO) -> Iterator[GpxLine | GpxPoint | GpxWaypoint]:
@@ -179,7 +180,12 @@ def _own_extensions(element: Element) -> Iterator[tuple[str, str]]:
 def _waypoint(element: Element, count: int) -> GpxWaypoint:
     kind = child_text(element, "type") or child_text(element, "sym") or "waypoint"
     state = next((text.strip() for name, text in _own_extensions(element) if name == "state"), "")
-    return GpxWaypoint(count, _one_line(child_text(element, "name")), kind, _point(element), state)
+    links = tuple(
+        found
+        for part in element
+        if local_name(part) in ("link", "url") and (found := (part.get("href") or part.text or "").strip())
+    )
+    return GpxWaypoint(count, _one_line(child_text(element, "name")), kind, _point(element), state, links)
 
 
 def _one_line(text: str) -> str:

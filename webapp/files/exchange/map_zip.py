@@ -25,6 +25,7 @@ from webapp.errors import InputError, MapError, PhotoError
 from webapp.files.atomic import storage_error
 from webapp.files.decode import PHOTO_SUFFIXES, image_size
 from webapp.files.exchange.zip_directory import has_many_files
+from webapp.files.exchange.zip_names import names_of
 from webapp.files.listing import folded
 from webapp.files.maps.map_json import parse_map_json
 from webapp.files.part_file import check_space
@@ -97,8 +98,7 @@ def unpack(
     """
     _check_number(archive, limits)
     with _zip_errors(archive.name), zipfile.ZipFile(archive) as opened:
-        infos = opened.infolist()
-        files, left_out = _checked(infos, limits)
+        files, left_out = _checked(opened, limits)
         check_space(folder, sum(file.info.file_size for file in files), reserve_mb=reserve_mb)
         progress.size(len(files))
         for file in files:
@@ -115,7 +115,7 @@ def is_quick(archive: Path, *, limits: ImportLimits) -> bool:
         return False
     try:
         with zipfile.ZipFile(archive) as opened:
-            files, _ = _checked(opened.infolist(), limits)
+            files, _ = _checked(opened, limits)
             return _is_small(files) and _has_few_pixels(opened, files)
     except (*_BROKEN, InputError, OSError):
         return True  # the import refuses it at once
@@ -181,16 +181,17 @@ def read_title(archive: Path, *, most_files: int) -> str | None:
         return None
 
 
-def _checked(infos: Sequence[zipfile.ZipInfo], limits: ImportLimits) -> tuple[list[_File], list[str]]:
+def _checked(opened: zipfile.ZipFile, limits: ImportLimits) -> tuple[list[_File], list[str]]:
     """Select the files to unpack; refuse the whole zip if any file is invalid."""
+    infos = opened.infolist()
     if len(infos) > limits.max_files:
         raise InputError(
             f"the zip has {len(infos)} files, more than the limit of {limits.max_files}",
             hint="leave out what is not part of the map",
         )
     files, left_out, seen = [], [], dict[str, str]()
-    for info in infos:
-        name = _safe_name(info)
+    for info, written in zip(infos, names_of(opened, infos), strict=True):
+        name = _safe_name(info, written)
         if _is_folder(info):
             continue
         if not _wanted(name):
@@ -244,8 +245,8 @@ def _is_folder(info: zipfile.ZipInfo) -> bool:
     return info.filename.endswith("/")  # `is_dir` fails for a file without a name
 
 
-def _safe_name(info: zipfile.ZipInfo) -> str:
-    name = info.filename.removesuffix("/")
+def _safe_name(info: zipfile.ZipInfo, name: str) -> str:
+    name = name.removesuffix("/")
     name = name.replace("\\", "/").removeprefix("./")
     problem = None if _is_folder(info) and not name else name_problem(name)
     if problem:

@@ -1,16 +1,18 @@
-"""Control points as a table (CSV): a row for each click, with the data of its point."""
+"""Control points as a table or as ODM's `gcp_list.txt`: a row for each click, with the data of its point."""
 
 from __future__ import annotations
 
 import csv
 import io
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from webapp.core.geo.crs import latlon_from_plane
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import TableError
+from webapp.files.maps.position_tables import odm_plane
 from webapp.files.text_file import (
     cell_text,
     delimiter_of,
@@ -32,6 +34,7 @@ COLUMNS = (
     "photo_x_px",
     "photo_y_px",
 )
+_ODM_CELLS = 6
 _PAIRS = (("x_px", "y_px"), ("lat", "lon"), ("photo_x_px", "photo_y_px"))
 
 
@@ -49,7 +52,7 @@ class PointRow:
 
 
 def read_rows(path: Path) -> list[PointRow]:
-    """Read a table with any delimiter; its first line names the columns, in any order.
+    """Read a table with any delimiter, whose first line names the columns, in any order; or ODM's list.
 
     Raises:
         TableError: Names the file and line.
@@ -58,6 +61,9 @@ def read_rows(path: Path) -> list[PointRow]:
     lines = [(f"{path}:{n}", line) for n, line in numbered_lines(io.BytesIO(data)) if line.strip()]
     if not lines:
         raise TableError("the file is empty", where=str(path), hint=f"the columns are {', '.join(COLUMNS)}")
+    plane = odm_plane(lines[0][1], lines[0][0])
+    if plane is not None:
+        return _odm_rows(lines[1:], plane)
     delimiter = delimiter_of(lines[0][1]) or ";"
     header = [cell.strip().lower() for cell in split_row(lines[0][1], delimiter)]
     unknown = [cell for cell in header if cell not in COLUMNS]
@@ -71,6 +77,37 @@ def read_rows(path: Path) -> list[PointRow]:
     return [
         _row(dict(zip(header, split_row(line, delimiter), strict=False)), where) for where, line in lines[1:]
     ]
+
+
+def _odm_rows(lines: Sequence[tuple[str, str]], plane: str) -> list[PointRow]:
+    """Read ODM's list: x, y, z, pixel x, pixel y, photo and optionally the point's name.
+
+    Points without a name are told apart by their coordinates.
+    """
+    cells = [(where, line.split()) for where, line in lines if not line.lstrip().startswith("#")]
+    for where, row in cells:
+        if len(row) < _ODM_CELLS:
+            hint = "write: x y z pixel_x pixel_y photo [name]"
+            raise TableError("a line has too few columns", where=where, hint=hint)
+    numbers = [[_needed(text, where) for text in row[: _ODM_CELLS - 1]] for where, row in cells]
+    found = latlon_from_plane(plane, [row[:2] for row in numbers]).tolist()
+    names: dict[tuple[float, ...], str] = {}
+    rows = []
+    for (where, row), (x, y, z, *click), (lat, lon) in zip(cells, numbers, found, strict=True):
+        if not math.isfinite(lat):
+            raise TableError(f"the position is outside {plane[:40]}", where=where)
+        unnamed = names.setdefault((x, y, z), f"GCP {len(names) + 1}")
+        name = row[_ODM_CELLS] if len(row) > _ODM_CELLS else unnamed
+        photo = row[_ODM_CELLS - 1]
+        rows.append(PointRow(name, where, LatLon(lat, lon), z, None, photo, (click[0], click[1])))
+    return rows
+
+
+def _needed(text: str, where: str) -> float:
+    value = _number(text, where)
+    if value is None:
+        raise TableError("a number is missing", where=where)
+    return value
 
 
 def _row(cells: Mapping[str, str], where: str) -> PointRow:

@@ -1,45 +1,34 @@
 """Positions of photos by file name: a `.cfg`, a table, GeoJSON, KML, or the waypoints of a GPX file.
 
-A table has any delimiter, and columns of names, of positions in degrees or in pixels of the satellite image,
-and optionally of headings; they are named by its header or by the caller (`webapp.core.columns`).
+Tables are read by `position_tables.py`.
 """
 
 from __future__ import annotations
 
 import io
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
+from urllib.parse import unquote, urlsplit
 from xml.etree.ElementTree import Element
 
-from webapp.core.columns import PHOTO_FIELDS, Columns, guess_columns, parse_columns
-from webapp.core.geo.fit import check_positions
+from webapp.core.columns import PHOTO_FIELDS
 from webapp.core.geo.types import LatLon, MapPixel
-from webapp.errors import GeoreferenceError, MapJsonError, TableError, TrackError
+from webapp.errors import MapJsonError, TableError
+from webapp.files.decode import PHOTO_SUFFIXES
 from webapp.files.exchange.gpx import GpxWaypoint, read_gpx
 from webapp.files.exchange.xml import child_text, local_name, number, walk
 from webapp.files.json_fields import JsonField, parse_json
 from webapp.files.maps.cfg import read_cfg
-from webapp.files.text_file import cell_text, delimiter_of, numbered_lines, read_bytes, split_row
+from webapp.files.maps.position_tables import ListedPosition, checked_heading, latlon, read_table
+from webapp.files.text_file import read_bytes
 
 FORMATS = "a .cfg, a table of file names and positions, GeoJSON, KML, or GPX with waypoints"
 
 _NAMES = PHOTO_FIELDS.names["name"]
-_UNKNOWN = ("", "-")
-_LONGEST_ANGLE = 60
-"""Characters; matching a long sequence of digits would take cubic time."""
-
 _MOST_VALUES = 1_000_000
 """Of a GeoJSON: several seconds of reading; a point has about ten."""
-
-_ANGLE = re.compile(
-    r"""([NSEW]?)\s*([+-]?[0-9]+(?:\.[0-9]*)?)\s*(?:deg|°|º)?\s*
-    (?:([0-9]+(?:\.[0-9]*)?)\s*['′’]?\s*)?(?:([0-9]+(?:\.[0-9]*)?)\s*(?:"|″|'')?\s*)?([NSEW]?)""",
-    re.IGNORECASE | re.VERBOSE,
-)
-"""Degrees, optionally with minutes, seconds, and a letter on one side."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +56,8 @@ class Positions:
     def find(self, name: str) -> LatLon | MapPixel | None:
         """Find the position of a photo by its path, or else by its file name if that is unique in the list.
 
+        The list may leave out the suffixes of file names.
+
         Args:
             name: Path with forward slashes.
         """
@@ -80,18 +71,9 @@ class Positions:
     def _entry(self, name: str) -> str | None:
         if name in self.by_name:
             return name
-        same = self._by_last.get(PurePosixPath(name).name, [])
+        path = PurePosixPath(name)
+        same = self._by_last.get(path.name) or self._by_last.get(path.stem, [])
         return same[0] if len(same) == 1 else None
-
-
-@dataclass(frozen=True, slots=True)
-class _Entry:
-    """One photo of a list; `where` is its location in the list, for errors."""
-
-    name: str
-    position: LatLon | MapPixel
-    heading_deg: float | None
-    where: str
 
 
 def read_positions(path: Path, *, columns: str | None = None) -> Positions:
@@ -118,7 +100,7 @@ def read_positions(path: Path, *, columns: str | None = None) -> Positions:
         case b"<":
             entries = list(_xml(data, where=str(path)))
         case _:
-            return _of_table(list(_table(data, columns, where=str(path))))
+            return _of_table(read_table(data, columns, where=str(path), formats=FORMATS))
     if not entries:
         raise TableError("no point in it has a name", where=str(path), hint=f"use {FORMATS}")
     counts = Counter(entry.name for entry in entries)
@@ -126,7 +108,7 @@ def read_positions(path: Path, *, columns: str | None = None) -> Positions:
     return _positions([entry for entry in entries if counts[entry.name] == 1], repeated)
 
 
-def _of_table(entries: Sequence[_Entry]) -> Positions:
+def _of_table(entries: Sequence[ListedPosition]) -> Positions:
     seen: set[str] = set()
     for entry in entries:
         if entry.name in seen:
@@ -137,89 +119,13 @@ def _of_table(entries: Sequence[_Entry]) -> Positions:
     return _positions(entries)
 
 
-def _positions(entries: Sequence[_Entry], repeated: tuple[str, ...] = ()) -> Positions:
+def _positions(entries: Sequence[ListedPosition], repeated: tuple[str, ...] = ()) -> Positions:
     headings = {entry.name: entry.heading_deg for entry in entries if entry.heading_deg is not None}
     by_name = {entry.name: entry.position for entry in entries}
     return Positions(by_name, headings_deg=headings, repeated=repeated)
 
 
-def _table(data: bytes, columns: str | None, *, where: str) -> Iterator[_Entry]:
-    """Read a table; rows without a position, as exiftool writes for photos without GPS, are skipped."""
-    lines = [(f"{where}:{n}", line) for n, line in numbered_lines(io.BytesIO(data)) if line.strip()]
-    if not lines:
-        raise TableError("the file is empty", where=where, hint=f"use {FORMATS}")
-    delimiter = delimiter_of(lines[0][1]) or ";"
-    header = split_row(lines[0][1], delimiter)
-    try:
-        known = (
-            parse_columns(columns, header, fields=PHOTO_FIELDS)
-            if columns
-            else guess_columns(header, fields=PHOTO_FIELDS)
-        )
-    except TrackError as error:
-        raise TableError(error.message, where=f"{where}:1", hint=error.hint) from error
-    row = _Row(known, decimal_comma=delimiter != ",")
-    if columns and row.is_data(header):
-        lines.insert(0, lines[0])  # a table without a header
-    for place, line in lines[1:]:
-        entry = row.entry(split_row(line, delimiter), place)
-        if entry is not None:
-            yield entry
-
-
-@dataclass(frozen=True, slots=True)
-class _Row:
-    """Reads rows of a table."""
-
-    columns: Columns
-    decimal_comma: bool
-
-    def entry(self, fields: Sequence[str], where: str) -> _Entry | None:
-        sides = ("lat", "lon") if "lat" in self.columns else ("x", "y")
-        texts = [self.text(fields, side) for side in sides]
-        name = self.text(fields, "name").replace("\\", "/")
-        if all(text in _UNKNOWN for text in texts) or not name:
-            return None
-        first, second = (self.number(fields, side, where) for side in sides)
-        position = MapPixel(first, second) if sides == ("x", "y") else _latlon(first, second, where)
-        heading = None
-        if self.text(fields, "heading") not in _UNKNOWN:
-            heading = _heading(self.number(fields, "heading", where), where)
-        return _Entry(name, position, heading, where)
-
-    def is_data(self, fields: Sequence[str]) -> bool:
-        """Return whether the first line is a row rather than a header."""
-        try:
-            return self.entry(fields, "") is not None
-        except TableError:
-            return False
-
-    def text(self, fields: Sequence[str], name: str) -> str:
-        column = self.columns.get(name)
-        return cell_text(fields[column.index].strip()) if column and column.index < len(fields) else ""
-
-    def number(self, fields: Sequence[str], name: str, where: str) -> float:
-        text = self.text(fields, name)
-        value = _angle(text.replace(",", ".") if self.decimal_comma else text)
-        if value is None:
-            hint = "use a decimal point" if "," in text else "write a plain number"
-            raise TableError(f"{text[:40]!r} is not a number", where=where, hint=hint)
-        against = self.text(fields, f"{name}_ref")[:1].upper()
-        return (-abs(value) if against in ("S", "W") else value) * self.columns[name].scale
-
-
-def _angle(text: str) -> float | None:
-    """Parse a number, or degrees with minutes and seconds such as `50 deg 5' 12.3" N`; None if invalid."""
-    found = _ANGLE.fullmatch(text.strip()) if len(text) <= _LONGEST_ANGLE else None
-    if found is None or (found[1] and found[5]):
-        return None
-    degrees, minutes, seconds = (float(part or 0.0) for part in found.group(2, 3, 4))
-    value = abs(degrees) + minutes / 60 + seconds / 3600
-    is_negative = found[2].startswith("-") != ((found[1] or found[5]).upper() in ("S", "W"))
-    return -value if is_negative else value
-
-
-def _geojson(data: bytes, *, where: str) -> Iterator[_Entry]:
+def _geojson(data: bytes, *, where: str) -> Iterator[ListedPosition]:
     """Read the points of a GeoJSON; other features are skipped."""
     try:
         top = parse_json(data, where=where, most_values=_MOST_VALUES)
@@ -232,7 +138,7 @@ def _geojson(data: bytes, *, where: str) -> Iterator[_Entry]:
         raise TableError(error.message, where=error.where, hint=error.hint) from error
 
 
-def _feature(item: JsonField) -> _Entry | None:
+def _feature(item: JsonField) -> ListedPosition | None:
     feature = item.value if isinstance(item.value, dict) else {}
     geometry, properties = feature.get("geometry"), feature.get("properties")
     facts = (
@@ -247,8 +153,8 @@ def _feature(item: JsonField) -> _Entry | None:
         raise TableError("a point has no longitude and latitude", where=here, hint="export it again")
     lon, lat = (cell.number("a number of degrees", valid=lambda value: True) for cell in cells[:2])
     turned = next((facts[key] for key in _headings() if isinstance(facts.get(key), int | float)), None)
-    heading = None if turned is None else _heading(float(turned), here)
-    return _Entry(name.strip().replace("\\", "/"), _latlon(lat, lon, here), heading, here)
+    heading = None if turned is None else checked_heading(float(turned), here)
+    return ListedPosition(name.strip().replace("\\", "/"), latlon(lat, lon, where=here), heading, here)
 
 
 def _headings() -> Iterator[str]:
@@ -256,24 +162,32 @@ def _headings() -> Iterator[str]:
         yield from (name, f"{name}_deg")
 
 
-def _xml(data: bytes, *, where: str) -> Iterator[_Entry]:
+def _xml(data: bytes, *, where: str) -> Iterator[ListedPosition]:
     """Read the waypoints of a GPX file, or the points of a KML."""
     root = next((local_name(element) for _, element in walk(io.BytesIO(data), whole=())), "")
     if root == "gpx":
         for item in read_gpx(io.BytesIO(data)):
-            if isinstance(item, GpxWaypoint) and item.name:
+            if isinstance(item, GpxWaypoint):
                 here = f"{where}: waypoint {item.number}"
-                position = _latlon(item.point.lat, item.point.lon, here)
-                course = item.point.course_deg
-                heading = None if course != course else _heading(course, here)
-                yield _Entry(item.name.replace("\\", "/"), position, heading, here)
+                for name in _photos_of(item):
+                    position = latlon(item.point.lat, item.point.lon, where=here)
+                    course = item.point.course_deg
+                    heading = None if course != course else checked_heading(course, here)
+                    yield ListedPosition(name, position, heading, here)
     elif root == "kml":
         yield from _kml(data, where=where)
     else:
         raise TableError(f"<{root[:40]}> is neither KML nor GPX", where=where, hint=f"use {FORMATS}")
 
 
-def _kml(data: bytes, *, where: str) -> Iterator[_Entry]:
+def _photos_of(waypoint: GpxWaypoint) -> list[str]:
+    """Return the photos to which a waypoint has links, or else its name."""
+    names = [unquote(urlsplit(link.replace("\\", "/")).path).lstrip("/") for link in waypoint.links]
+    photos = [name for name in names if PurePosixPath(name).suffix.lower() in PHOTO_SUFFIXES]
+    return photos or [name for name in [waypoint.name.replace("\\", "/")] if name]
+
+
+def _kml(data: bytes, *, where: str) -> Iterator[ListedPosition]:
     count = 0
     for _, mark in walk(io.BytesIO(data), whole={"Placemark"}):
         if local_name(mark) != "Placemark":
@@ -286,8 +200,8 @@ def _kml(data: bytes, *, where: str) -> Iterator[_Entry]:
         if not name or len(numbers) < 2:
             continue
         turned = next((number(part.text) for part in mark.iter() if local_name(part) == "heading"), None)
-        heading = None if turned is None or turned != turned else _heading(turned, here)
-        yield _Entry(name, _latlon(number(numbers[1]), number(numbers[0]), here), heading, here)
+        heading = None if turned is None or turned != turned else checked_heading(turned, here)
+        yield ListedPosition(name, latlon(number(numbers[1]), number(numbers[0]), where=here), heading, here)
 
 
 def _placemark_name(mark: Element) -> str:
@@ -298,18 +212,3 @@ def _placemark_name(mark: Element) -> str:
         if local_name(part) == "Data"
     }
     return next((facts[key] for key in _NAMES if facts.get(key)), "") or child_text(mark, "name")
-
-
-def _heading(heading: float, where: str) -> float:
-    if not -360.0 <= heading <= 360.0:
-        raise TableError(f"the heading {heading:g} is not from 0 to 360", where=where)
-    return heading % 360.0
-
-
-def _latlon(lat: float, lon: float, where: str) -> LatLon:
-    position = LatLon(lat, lon)
-    try:
-        check_positions([position])
-    except GeoreferenceError as error:
-        raise TableError(error.message, where=where, hint=error.hint) from error
-    return position

@@ -8,6 +8,9 @@ from typing import Literal
 
 from webapp.files.photos.exif import number, text
 
+EXIF = "EXIF"
+"""Source of a position in the EXIF of a photo."""
+
 METRES_PER_DOP = 5.0
 """Metres of 68 % radius for each unit of dilution of precision: the usual range error of a civil receiver."""
 
@@ -22,7 +25,7 @@ _FAR_DATUMS = frozenset({"TOKYO", "NAD27", "ED50", "PULKOVO1942", "PULKOVO42"})
 
 @dataclass(frozen=True, slots=True)
 class Gps:
-    """A position from EXIF."""
+    """The position of a photo, from its EXIF unless `source` says otherwise."""
 
     # `lat`, `lon`: Degrees north and east, WGS 84.
     lat: float
@@ -31,6 +34,8 @@ class Gps:
     accuracy_m: float | None = None
     dop: float | None = None  # Dilution of precision
     altitude_m: float | None = None  # Above sea level (below: negative), according to the device
+    relative_altitude_m: float | None = None  # Above where a drone has started
+    source: str = EXIF  # What it is from: `EXIF`, `XMP`, `DJI XMP`, or the name of a file beside the photo
 
 
 @dataclass(frozen=True, slots=True)

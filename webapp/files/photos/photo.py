@@ -18,7 +18,8 @@ from webapp.core.texts import tidy_name
 from webapp.errors import PhotoError
 from webapp.files.decode import Pixels, check_bytes, decode, open_image
 from webapp.files.photos.exif import Fov, fov_note, orientation, read_exif, read_fov, read_time, text
-from webapp.files.photos.exif_gps import Gps, Heading, NoGps, read_gps, read_heading
+from webapp.files.photos.exif_gps import EXIF, Gps, Heading, NoGps
+from webapp.files.photos.xmp import locate, panorama_notes, read_xmp
 from webapp.settings import PhotoLimits
 from webapp.threads import permit
 
@@ -47,6 +48,7 @@ class PhotoFacts:
     format: str = ""  # By content, as Pillow names it: `JPEG`, `HEIF`, `PNG` ..
     maker: str | None = None  # Manufacturer of the camera; empty if EXIF lacks it, None if there is no EXIF
     camera: str | None = None  # Maker and model of the camera, if EXIF has them
+    pitch_deg: float | None = None  # Of the camera above the horizon (below: negative), as drones write it
 
     @property
     def heading_deg(self) -> float | None:
@@ -57,6 +59,14 @@ class PhotoFacts:
     def fov_deg(self) -> float | None:
         """Horizontal field of view of the upright photo, degrees."""
         return None if self.fov is None else self.fov.deg
+
+
+def remarks(facts: PhotoFacts) -> tuple[str, ...]:
+    """Return sentences about a photo's file: where its position is from, unless from EXIF, and the notes."""
+    gps = facts.gps
+    if isinstance(gps, Gps) and gps.source != EXIF:
+        return (f"its position is from {gps.source}", *facts.notes)
+    return facts.notes
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,22 +112,27 @@ def read_facts(source: Path | bytes, *, limits: PhotoLimits) -> PhotoFacts:
             damaged.
     """
     with open_image(source, limits=limits) as image:
-        exif = read_exif(image)
+        exif, xmp = read_exif(image), read_xmp(image)
         turn, note = orientation(exif)
         kind = image.format or ""
         width, height = image.size if turn < 5 or _turned_by_decoder(image) else image.size[::-1]
+    there = locate(exif.gps, xmp)
+    fov = read_fov(exif, width=width, height=height)
+    shape = panorama_notes(xmp, width=width, height=height, has_fov=fov is not None)
+    notes = (note, xmp.note, fov_note(exif, width=width, height=height), *shape)
     return PhotoFacts(
         width=width,
         height=height,
         orientation=turn,
-        gps=read_gps(exif.gps),
-        heading=read_heading(exif.gps),
+        gps=there.gps,
+        heading=there.heading,
         taken_at=read_time(exif),
-        fov=read_fov(exif, width=width, height=height),
-        notes=(*exif.notes, *filter(None, (note, fov_note(exif, width=width, height=height)))),
+        fov=fov,
+        notes=(*exif.notes, *filter(None, notes)),
         format=kind,
         maker=text(exif.image.get(_MAKER)) if exif.image else None,
         camera=_camera(text(exif.image.get(_MAKER)), text(exif.image.get(_MODEL))) if exif.image else None,
+        pitch_deg=there.pitch_deg,
     )
 
 

@@ -8,7 +8,9 @@
 
 from __future__ import annotations
 
+import io
 import math
+import re
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,8 +23,9 @@ from webapp.core.geo.crs import WGS84, crs_name, latlon_from_plane
 from webapp.core.geo.fit import GeoreferenceFit, check_on_image, check_positions
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel
-from webapp.errors import GeoreferenceError, MapJsonError, TableError
+from webapp.errors import GeoreferenceError, MapJsonError, TableError, TrackError
 from webapp.extras import extra
+from webapp.files.exchange.xml import local_name, walk
 from webapp.files.json_fields import JsonField, finite, parse_json
 from webapp.files.text_file import TextRow, read_bytes, read_table, read_text
 
@@ -33,9 +36,16 @@ if TYPE_CHECKING:
 _EXAMPLE = '{"top_left": {"lat": 60.4055, "lon": 22.4676}, "bottom_right": {"lat": 60.4039, "lon": 22.4712}}'
 
 HEADER = "x;y;lat;lon"
+_QGIS_CRS = re.compile(r"#\s*CRS:\s*(.+)", re.IGNORECASE)
+_QGIS_PIXELS = (("sourcex", "sourcey"), ("pixelx", "pixely"))
+"""Columns of pixels, since QGIS 3.26 and before; y counts upwards, and is negative below the top edge."""
+
 _HINT = "a world file has six lines: x size, rotation, rotation, -y size, x and y of the first pixel's centre"
 _CENTRE_FROM_CORNER = np.array([[1.0, 0.0, -0.5], [0.0, 1.0, -0.5], [0.0, 0.0, 1.0]])
 """The origin of world files is the centre of the first pixel, that of maps its outer corner."""
+
+_MOST_AUX_BYTES = 5_000_000
+"""Statistics of large images take most of them."""
 
 _ALONE = {"GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR", "GDAL_PAM_ENABLED": "NO", "PROJ_NETWORK": "OFF"}
 """GDAL options to read only the file itself: no sidecar files, nothing from the network."""
@@ -86,7 +96,7 @@ def read_control_points(path: Path) -> list[ControlPoint]:
 
     Args:
         path: Semicolon table with the header `x;y;lat;lon`: pixels right of and below the image's outer
-            top-left corner, degrees north and east.
+            top-left corner, degrees north and east; or points of QGIS (`.points`).
 
     Returns:
         At least one.
@@ -94,20 +104,60 @@ def read_control_points(path: Path) -> list[ControlPoint]:
     Raises:
         TableError: The file cannot be read or is malformed, with the line.
     """
+    qgis = _qgis_points(read_text(path, error=TableError).splitlines(), where=str(path))
+    if qgis is not None:
+        return qgis
     _, rows = read_table(path, headers=[HEADER])
     if not rows:
         raise TableError("there are no control points", where=str(path), hint=f"add one per line: {HEADER}")
     return [_point(row) for row in rows]
 
 
+def _qgis_points(lines: list[str], *, where: str) -> list[ControlPoint] | None:
+    """Read points of QGIS: a comment with the coordinate system (since QGIS 3.26), and a table with commas.
+
+    Returns:
+        None if it is another table.
+    """
+    stated = _QGIS_CRS.fullmatch(lines[0].strip()) if lines else None
+    first = 1 if stated else 0
+    header = [cell.strip().lower() for cell in lines[first].split(",")] if len(lines) > first else []
+    pixel = next((pair for pair in _QGIS_PIXELS if set(pair) <= set(header)), None)
+    if pixel is None or not {"mapx", "mapy"} <= set(header):
+        return None
+    rows = []
+    for number, line in enumerate(lines[first + 1 :], first + 2):
+        cells = tuple(line.split(","))
+        if line.strip() and len(cells) < len(header):
+            raise TableError("the line has too few columns", where=f"{where}:{number}")
+        row = TextRow(cells, f"{where}:{number}")
+        if line.strip() and ("enable" not in header or row.number(header.index("enable")) != 0.0):
+            rows.append(row)
+    if not rows:
+        raise TableError("there are no control points", where=where, hint="enable some in QGIS")
+    numbers = [[row.number(header.index(name)) for name in ("mapx", "mapy", *pixel)] for row in rows]
+    plane = crs_name(stated[1]) if stated else WGS84
+    if plane == WGS84 and any(abs(x) > 180.0 or abs(y) > 90.0 for x, y, *_ in numbers):
+        hint = "begin the file with a line such as #CRS: EPSG:32633, or save it with a newer QGIS"
+        raise TableError("the points state no coordinate system", where=where, hint=hint)
+    found = latlon_from_plane(plane, [row[:2] for row in numbers]).tolist()
+    return [
+        _checked_point(MapPixel(x, -y), LatLon(*at), row.where)
+        for row, (_, _, x, y), at in zip(rows, numbers, found, strict=True)
+    ]
+
+
 def _point(row: TextRow) -> ControlPoint:
     x, y, lat, lon = (row.number(column) for column in range(4))
-    position = LatLon(lat, lon)
+    return _checked_point(MapPixel(x, y), LatLon(lat, lon), row.where)
+
+
+def _checked_point(pixel: MapPixel, position: LatLon, where: str) -> ControlPoint:
     try:
         check_positions([position])
     except GeoreferenceError as error:
-        raise TableError(error.message, where=row.where, hint=error.hint) from error
-    return ControlPoint(MapPixel(x, y), position)
+        raise TableError(error.message, where=where, hint=error.hint) from error
+    return ControlPoint(pixel, position)
 
 
 def find_worldfile(image: Path) -> Path:
@@ -232,12 +282,36 @@ def read_geotiff(path: Path, *, crs: str | None = None) -> GeoreferenceFit:
         with rasterio.Env(**_ALONE), warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             with rasterio.open(path, driver="GTiff") as dataset:
-                return _fit(dataset, crs)
+                return _fit(dataset, crs or (None if _states_crs(dataset) else _sibling_aux(path)))
     except RasterioError as error:
         hint = "use --corners, --worldfile or --control-points for other images"
         raise GeoreferenceError("it is not a readable GeoTIFF", where=str(path), hint=hint) from error
     except GeoreferenceError as error:
         raise GeoreferenceError(error.message, where=str(path), hint=error.hint) from error
+
+
+def _states_crs(dataset: DatasetReader) -> bool:
+    return bool(dataset.crs) or bool(dataset.gcps[1])
+
+
+def _sibling_aux(path: Path) -> str | None:
+    """Return the coordinate system in the `.aux.xml` next to an image, of GDAL or ArcGIS; None without it.
+
+    GDAL itself must not read it: a sidecar could name other files.
+    """
+    aux = path.with_name(f"{path.name}.aux.xml")
+    if not aux.is_file():
+        return None
+    data = read_bytes(aux, error=GeoreferenceError)
+    try:
+        if len(data) > _MOST_AUX_BYTES:
+            raise TrackError("the file is too large")
+        for _, element in walk(io.BytesIO(data), whole={"SRS"}):
+            if local_name(element) == "SRS" and (element.text or "").strip():
+                return crs_name((element.text or "").strip())
+    except (TrackError, GeoreferenceError) as error:
+        raise GeoreferenceError(error.message, where=str(aux), hint=error.hint) from error
+    return None
 
 
 def _fit(dataset: DatasetReader, crs: str | None) -> GeoreferenceFit:

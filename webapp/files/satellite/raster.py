@@ -20,7 +20,14 @@ from PIL import Image
 
 from webapp.errors import PhotoError
 from webapp.extras import extra, is_installed
-from webapp.files.decode import check_scans, decode, open_image
+from webapp.files.decode import (
+    check_scans,
+    decode,
+    is_jpeg_xl,
+    jpeg_xl_error,
+    open_image,
+    unsupported_colours,
+)
 from webapp.settings import PhotoLimits, SatelliteLimits
 
 if TYPE_CHECKING:
@@ -96,7 +103,7 @@ class _DecodedRaster:
             strip = self._image.crop((0, top, self.width, min(top + rows, self.height)))
             if transparent:
                 rgba = np.asarray(strip.convert("RGBA"))
-                yield _on_white(rgba[:, :, :3], rgba[:, :, 3])
+                yield on_white(rgba[:, :, :3], rgba[:, :, 3])
             else:
                 yield decode(strip, "RGB")
 
@@ -136,11 +143,11 @@ class _GdalRaster:
         else:
             rgb = np.ascontiguousarray(values.transpose(1, 2, 0))
         if self._masked:
-            return _on_white(rgb, self._dataset.dataset_mask(window=window))
+            return on_white(rgb, self._dataset.dataset_mask(window=window))
         return np.asarray(rgb, dtype=np.uint8)
 
 
-def _on_white(rgb: Pixels, opacity: Pixels) -> Pixels:
+def on_white(rgb: Pixels, opacity: Pixels) -> Pixels:
     """Blend (h, w, 3) colours with white by their (h, w) opacity."""
     share = opacity.astype(np.uint16)[:, :, None]
     return np.asarray((rgb * share + 255 * (255 - share) + 127) // 255, dtype=np.uint8)
@@ -178,6 +185,8 @@ def _with_gdal(path: Path, kind: Kind, *, limits: SatelliteLimits) -> Iterator[R
             with rasterio.open(path, driver=kind) as dataset:
                 _check_size(dataset.width, dataset.height, limits)
                 _check_blocks(dataset)
+                if dataset.photometric is not None and dataset.photometric.name == "cielab":
+                    raise unsupported_colours("CIELab")
                 yield _GdalRaster(dataset, kind)
         except RasterioError as error:
             raise _damaged(error.__cause__ or error) from error
@@ -203,6 +212,17 @@ def _damaged(reason: object) -> PhotoError:
     )
 
 
+def is_georeferenced_tiff(path: Path, *, limits: SatelliteLimits) -> bool:
+    """Return whether a file is a TIFF that places its pixels on the Earth; False if it cannot be read."""
+    if image_kind(path) != "GTiff" or not is_installed("geotiff"):
+        return False
+    try:
+        with opened_raster(path, limits=limits) as raster:
+            return raster.georeferenced
+    except PhotoError:  # its reader reports it
+        return False
+
+
 def reduced(raster: Raster, max_side: int) -> Pixels:
     """Scale an image down by averaging squares of pixels, reading it once.
 
@@ -218,10 +238,23 @@ def reduced(raster: Raster, max_side: int) -> Pixels:
     return np.asarray(np.concatenate(parts), dtype=np.uint8)
 
 
-def _kind(path: Path, limits: SatelliteLimits) -> Kind:
+def image_kind(path: Path) -> Kind | None:
+    """Return the kind of an image by its first bytes; None if it is none of those that are shown.
+
+    Raises:
+        PhotoError: The file cannot be read.
+    """
     try:
         with path.open("rb") as file:
             head = file.read(8)
+    except OSError as error:
+        raise PhotoError(f"the image cannot be read: {error.strerror}") from error
+    return next((kind for magic, kind in _MAGIC if head.startswith(magic)), None)
+
+
+def _kind(path: Path, limits: SatelliteLimits) -> Kind:
+    kind = image_kind(path)
+    try:
         size = path.stat().st_size
     except OSError as error:
         raise PhotoError(f"the image cannot be read: {error.strerror}") from error
@@ -232,7 +265,8 @@ def _kind(path: Path, limits: SatelliteLimits) -> Kind:
             f"the image has {size / 1e6:.0f} MB, more than the limit of {limits.max_mb:g}",
             hint="scale it down, or cut out the area of the map",
         )
-    kind = next((kind for magic, kind in _MAGIC if head.startswith(magic)), None)
+    if kind is None and is_jpeg_xl(path):
+        raise jpeg_xl_error()
     if kind is None:
         raise PhotoError("this is not a PNG, JPEG or TIFF image", hint="save it as one of these")
     return kind

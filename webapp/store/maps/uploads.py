@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import secrets
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 
 from sqlalchemy import func, select
@@ -13,23 +15,27 @@ from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Upload
 
 
-def begin(
-    session: Session, record: MapRecord, *, account_id: int, name: str, size_bytes: int, fingerprint: str
-) -> Upload:
+@dataclass(frozen=True, slots=True)
+class Announced:
+    """A file that its sender is going to upload."""
+
+    name: str  # The sender's
+    size_bytes: int  # Of the whole file
+    fingerprint: str  # Identifies the file for its sender: made of name, size and time of the file
+    beside: Sequence[Mapping[str, str]] = ()  # Files beside the photo: `name` and `content`, as text
+
+
+def begin(session: Session, record: MapRecord, *, account_id: int, file: Announced) -> Upload:
     """Begin an upload, or return the one that the account has begun with the same fingerprint.
 
     The photo's id is reserved now, so that photos are numbered in the order in which their uploads began.
-
-    Args:
-        name: The sender's name of the file.
-        size_bytes: Of the whole file.
-        fingerprint: Identifies the file for its sender: made of name, size and time of the file.
     """
     same = select(Upload).where(
-        Upload.map_id == record.id, Upload.account_id == account_id, Upload.fingerprint == fingerprint
+        Upload.map_id == record.id, Upload.account_id == account_id, Upload.fingerprint == file.fingerprint
     )
     there = session.scalars(same).first()
-    if there is not None and there.size_bytes == size_bytes:
+    if there is not None and there.size_bytes == file.size_bytes:
+        there.beside = [dict(one) for one in file.beside] or None
         return there
     if there is not None:
         session.delete(there)
@@ -38,9 +44,10 @@ def begin(
         id=secrets.token_hex(16),
         map_id=record.id,
         account_id=account_id,
-        fingerprint=fingerprint,
-        name=name,
-        size_bytes=size_bytes,
+        fingerprint=file.fingerprint,
+        name=file.name,
+        size_bytes=file.size_bytes,
+        beside=[dict(one) for one in file.beside] or None,
         photo_id=maps.reserve_id(record),
     )
     session.add(upload)

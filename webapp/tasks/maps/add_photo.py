@@ -5,7 +5,7 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from webapp.core.boxes import BlurBox
@@ -13,13 +13,16 @@ from webapp.core.geo.types import LatLon
 from webapp.core.mapmodel.model import PhotoSource
 from webapp.core.mapmodel.panorama import Panorama
 from webapp.errors import NotFound
+from webapp.files.decode import contrast_note
 from webapp.files.maps.facts import panorama_fields, source_fields
 from webapp.files.object_storage import storage
 from webapp.files.part_file import sha256_of, show_file_as
 from webapp.files.photos import preview
 from webapp.files.photos.exif_gps import ABSENT, Gps
 from webapp.files.photos.panorama import PanoramaTags, find_panorama
-from webapp.files.photos.photo import PhotoFacts, read_facts
+from webapp.files.photos.photo import PhotoFacts, read_facts, remarks
+from webapp.files.photos.sidecars import Sidecar, beside_photo, with_sidecars
+from webapp.files.satellite.raster import is_georeferenced_tiff
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.maps import maps
@@ -29,7 +32,7 @@ from webapp.tasks.maps.photo_files import forget_intake, free_path, keep
 from webapp.tasks.maps.place_photos import FileState, SurveyedFile, place
 from webapp.tasks.maps.placing import image_of
 
-_SUFFIXES: Mapping[str, str] = {
+SUFFIXES: Mapping[str, str] = {
     "JPEG": "jpg",
     "MPO": "jpg",
     "PNG": "png",
@@ -41,7 +44,9 @@ _SUFFIXES: Mapping[str, str] = {
     "JPEG2000": "jp2",
     "GIF": "gif",
 }
+"""Suffix of a stored photo by its format."""
 _MAX_NAME = 300
+_PLAN_NOTE = "it looks like a plan or satellite image: as the map's image, add it on the page Image"
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +70,7 @@ class IncomingPhoto:
     name: str  # Name of the original file; any text
     id: int | None = None  # Id reserved for it in the map; None for the next one
     known: ServiceMetadata | None = None  # Metadata of a photo from a service
+    beside: tuple[Sidecar, ...] = ()  # Files that may belong to it: others are ignored
 
 
 Changing = Callable[[int], AbstractContextManager[MapChange]]
@@ -81,6 +87,7 @@ class AddedPhoto:
     placed: bool  # It has a position on the satellite image
     gps_problem: str | None  # Why it was not placed by its GPS, for display
     job: int | None  # Id of the job that adds it to the index
+    notes: tuple[str, ...] = ()  # Sentences about its file: where its position is from, what was left out
 
 
 def add_photo(
@@ -109,9 +116,10 @@ def add_photo(
     """
     name, source = tidy_name(photo.name), photo.file
     with show_file_as(name, source):
-        facts = read_facts(source, limits=settings.photo)
+        facts = _read(photo, name=name, settings=settings)
         around = find_panorama(source, facts, limits=settings.photo)
         previews = preview.make_previews(source, limits=settings.photo)
+        is_plan = _is_of_no_camera(facts) and is_georeferenced_tiff(source, limits=settings.satellite)
     sha256 = sha256_of(source)
     stored = storage.store(source)  # before the transaction, which blocks other writers
     with (changing or library.changing)(map_id) as change:
@@ -120,6 +128,8 @@ def add_photo(
             raise NotFound("the map was deleted, or is in the bin")
         folder = library.map_folder(record.slug)
         row = _row(facts, name=name, sha256=sha256, size_bytes=source.stat().st_size)
+        if photo.known is None and (is_plan or _has_size_of_image(facts, record)):
+            row.file_notes = [*(row.file_notes or ()), _PLAN_NOTE]
         if around is not None:
             mark_panorama(row, around)
         if photo.known is not None:
@@ -136,12 +146,38 @@ def add_photo(
             # before the commit: if the previews cannot be written, the whole photo is rejected
             preview.write_previews(preview.previews_folder(folder), str(kept.id), previews=previews)
     forget_intake(folder, kept)
-    return AddedPhoto(kept.id, name, duplicate, placed, problem or kept.gps_problem, change.job)
+    return AddedPhoto(
+        kept.id,
+        name,
+        duplicate,
+        placed,
+        problem or kept.gps_problem,
+        change.job,
+        tuple(kept.file_notes or ()),
+    )
+
+
+def _read(photo: IncomingPhoto, *, name: str, settings: Settings) -> PhotoFacts:
+    facts = read_facts(photo.file, limits=settings.photo)
+    contrast = contrast_note(photo.file, limits=settings.photo)
+    if contrast is not None:
+        facts = replace(facts, notes=(*facts.notes, contrast))
+    return with_sidecars(facts, beside_photo(name, photo.beside))
+
+
+def _is_of_no_camera(facts: PhotoFacts) -> bool:
+    return facts.camera is None and facts.taken_at is None and facts.fov is None and not facts.gps
+
+
+def _has_size_of_image(facts: PhotoFacts, record: MapRecord) -> bool:
+    """Return whether a picture that no camera took has the size of the map's image."""
+    size = record.satellite_width, record.satellite_height
+    return _is_of_no_camera(facts) and size == (facts.width, facts.height)
 
 
 def suffix_of(facts: PhotoFacts) -> str:
     """Return the suffix of a photo's file, by its format."""
-    return _SUFFIXES[facts.format]
+    return SUFFIXES[facts.format]
 
 
 def tidy_name(name: str) -> str:
@@ -189,6 +225,7 @@ def _row(facts: PhotoFacts, *, name: str, sha256: str, size_bytes: int) -> Photo
         gps_lon=gps.lon if gps else None,
         gps_accuracy_m=gps.accuracy_m if gps else None,
         gps_problem=why_no_gps(facts),
+        file_notes=list(remarks(facts)) or None,
         heading_deg=facts.heading_deg,
     )
 

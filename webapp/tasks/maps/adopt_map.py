@@ -20,7 +20,7 @@ from webapp.files.maps.folder import MapFolder, read_map
 from webapp.files.maps.lists import LISTS
 from webapp.files.maps.map_json import georeference_fields
 from webapp.files.photos.exif_gps import Gps
-from webapp.files.photos.photo import PhotoFacts, read_facts, read_file
+from webapp.files.photos.photo import PhotoFacts, read_facts, read_file, remarks
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
 from webapp.store.library import Library
@@ -209,6 +209,7 @@ class _PhotoFile:
         row.width, row.height = facts.width, facts.height
         row.taken_at = row.taken_at or facts.taken_at
         row.camera = facts.camera
+        row.file_notes = list(remarks(facts)) or None
         row.fov_deg = facts.fov_deg if row.fov_deg is None else row.fov_deg
         if isinstance(facts.gps, Gps):
             row.gps_lat, row.gps_lon = facts.gps.lat, facts.gps.lon

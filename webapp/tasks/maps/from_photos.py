@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
@@ -37,6 +38,7 @@ from webapp.tasks.maps.place_photos import (
 )
 from webapp.tasks.satellite import georeference
 from webapp.tasks.satellite.georeference import GeoSource
+from webapp.tasks.satellite.upright import upright_copy, upright_name
 
 _FAR_M = 50_000.0
 
@@ -62,7 +64,8 @@ class PlaceOptions:
     cfg: Path  # The map to write
     satellite: Path | None = None  # The image; None makes a blank plan
     source: GeoSource | None = None  # Source of the image's georeference; not needed for positions in pixels
-    positions: Path | None = None  # Positions by file name, instead of EXIF
+    positions: Path | None = None  # Positions by file name, instead of those in and beside the photos
+    columns: str | None = None  # Meaning of the columns of a table of positions; None to guess it
     copy: bool = False  # Copy files from outside the map's folder into it
     force: bool = False  # Replace an existing map; its photos keep their ids
     panoramas: PanoramaOptions = PanoramaOptions()
@@ -104,18 +107,26 @@ def map_from_photos(
         PhotoError: The satellite image cannot be read.
         StorageError: A file cannot be written.
     """
+    with TemporaryDirectory() as scratch:
+        return _make_map(folder, options=options, settings=settings, progress=progress, scratch=Path(scratch))
+
+
+def _make_map(
+    folder: Path, *, options: PlaceOptions, settings: Settings, progress: Progress, scratch: Path
+) -> PlaceReport:
     target = NewMapFolder(options.cfg, folder, copy=options.copy)
     target.check(force=options.force, satellite=options.satellite)
     before = read_map(options.cfg) if options.cfg.exists() else None
-    positions = read_positions(options.positions) if options.positions else None
+    positions = read_positions(options.positions, columns=options.columns) if options.positions else None
     _check_sources(options, positions)
     # fail early: read the image before the many photos
-    image = _georeferenced(options.satellite, options.source) if options.satellite else None
+    shown = _upright(options, positions, scratch=scratch, settings=settings)
+    image = _georeferenced(options, shown) if shown else None
     _check_same_image(positions, image)
     names = list_files(folder, leave_out=[options.cfg.parent / DERIVED])
     around = options.panoramas
-    own = [options.satellite] if options.satellite else [target.plan_path]
-    own += [around.mask] if around.mask else []
+    image_path = target.path_of(options.satellite, shown) if shown else target.plan_path
+    own = [path for path in (image_path, options.satellite, around.mask) if path is not None]
     masked = band(lowest_deg=around.lowest_deg, highest_deg=around.highest_deg)
     masked += () if around.mask is None else read_mask(around.mask, limits=settings.photo)
     seen = survey(
@@ -138,12 +149,12 @@ def map_from_photos(
     placed = [_masked(place(s, image, photo=target.photo_name(s.name)), masked) for s in seen]
     files, next_id = with_ids(placed, before)
     experiences = tuple(f.experience for f in files if f.experience is not None)
-    satellite = SatelliteImage(target.image_name(options.satellite), image.width, image.height)
+    satellite = SatelliteImage(target.image_name(options.satellite, shown), image.width, image.height)
     if experiences:
         revision = before.revision + 1 if before else 0
         map_ = Map(satellite, experiences, image.georeference, next_id=next_id, revision=revision)
         originals = {f.experience.photo: f.name for f in files if f.experience is not None}
-        target.write(map_, originals=originals, satellite=options.satellite, plan=plan)
+        target.write(map_, originals=originals, satellite=shown, plan=plan)
     written = bool(experiences)
     return PlaceReport(options.cfg, written, satellite, tuple(files), image.residuals_m, image.warnings)
 
@@ -171,11 +182,26 @@ def _check_sources(options: PlaceOptions, positions: Positions | None) -> None:
         raise UsageError("the satellite image has no georeference", hint=hint)
 
 
-def _georeferenced(satellite: Path, source: GeoSource | None) -> MapImage:
-    width, height = image_size(satellite)
-    if source is None:
+_OF_STORED_PIXELS = frozenset({"geotiff", "worldfile"})
+"""Kinds of georeferences that other programs write for the pixels as stored."""
+
+
+def _upright(
+    options: PlaceOptions, positions: Positions | None, *, scratch: Path, settings: Settings
+) -> Path | None:
+    """Return the image as it is used in the map: upright, as viewers show it."""
+    path = options.satellite
+    if path is None or (options.source is not None and options.source.kind in _OF_STORED_PIXELS):
+        return path
+    described = positions.image_size if positions else None
+    return upright_copy(path, scratch=scratch, settings=settings, described=described) or path
+
+
+def _georeferenced(options: PlaceOptions, shown: Path) -> MapImage:
+    width, height = image_size(shown)
+    if options.source is None or options.satellite is None:
         return MapImage(width, height, None)
-    fit = georeference.georeference_image(satellite, source, width=width, height=height)
+    fit = georeference.georeference_image(options.satellite, options.source, width=width, height=height)
     return MapImage(width, height, fit.georeference, fit.residuals_m, fit.warnings)
 
 
@@ -257,8 +283,16 @@ class NewMapFolder:
             return (folder / name).relative_to(self._base).as_posix()
         return f"{_PHOTOS}/{name}"
 
-    def image_name(self, satellite: Path | None) -> str:
+    def path_of(self, satellite: Path | None, shown: Path | None) -> Path:
+        """Return the path of the satellite image in the map; see `image_name`."""
+        return self._base / self.image_name(satellite, shown)
+
+    def image_name(self, satellite: Path | None, shown: Path | None = None) -> str:
         """Return the name of the satellite image or blank plan in the map.
+
+        Args:
+            satellite: The file that was given.
+            shown: The same, or an upright copy.
 
         Raises:
             UsageError: The image lies outside the map's folder without the option `copy`, or has an
@@ -276,6 +310,8 @@ class NewMapFolder:
             raise UsageError(
                 "the satellite image lies outside the map's folder", where=str(satellite), hint=hint
             )
+        if shown is not None and shown != satellite:
+            name = upright_name(name, shown)
         problem = name_problem(name)
         if problem:
             raise UsageError(problem.message, where=str(satellite), hint="rename the file")

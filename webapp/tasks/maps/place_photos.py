@@ -16,11 +16,12 @@ from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.panorama import Panorama
 from webapp.core.mapmodel.paths import name_problem
 from webapp.errors import PhotoError
-from webapp.files.decode import PHOTO_SUFFIXES, check_decodes
+from webapp.files.decode import PHOTO_SUFFIXES, check_decodes, contrast_note
 from webapp.files.maps.positions import Positions
 from webapp.files.photos.exif_gps import Gps, Heading
 from webapp.files.photos.panorama import find_panorama
 from webapp.files.photos.photo import PhotoFacts, read_facts
+from webapp.files.photos.sidecars import Sidecars, read_sidecars, with_sidecars
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
 
@@ -45,10 +46,11 @@ class SurveyedFile:
     state: FileState | None = None  # Why it cannot be placed; None if it has a position
     reason: str | None = None  # The same as a message
     is_panorama: bool = False
+    position_from: str | None = None  # `list`, or the source of its GPS position
 
     @property
     def gps(self) -> Gps | None:
-        """The EXIF position, if it is the photo's position."""
+        """Its GPS position, if it is the photo's position."""
         gps = self.facts.gps if self.facts else None
         return gps if isinstance(gps, Gps) and self.position == (gps.lat, gps.lon) else None
 
@@ -62,11 +64,11 @@ def survey(
     progress: Progress,
     assume_panoramas: bool = False,
 ) -> list[SurveyedFile]:
-    """Read each file; a bad one is a result, not an exception.
+    """Read each file, and those beside photos; a bad one is a result, not an exception.
 
     Args:
         names: Paths relative to the folder.
-        positions: Positions by file name, instead of those in EXIF.
+        positions: Positions by file name, instead of those in and beside the photos.
         assume_panoramas: Treat all photos twice as wide as high as panoramas, even without panorama metadata.
 
     Returns:
@@ -74,14 +76,19 @@ def survey(
     """
     progress.size(len(names))
     found = []
+    sidecars = Sidecars(names)
     for name in names:
         progress.check()
-        if _leads_out(folder / name, folder):
+        if sidecars.photo_of(name) is not None:
+            reason = f"it was read for {sidecars.photo_of(name)}"
+            found.append(SurveyedFile(name, state=FileState.NOT_A_PHOTO, reason=reason))
+        elif _leads_out(folder / name, folder):
             reason = "it is a link that points outside the folder; replace it with a copy"
             found.append(SurveyedFile(name, state=FileState.UNREADABLE, reason=reason))
         else:
-            one = _look(folder / name, name, positions=positions, limits=limits, assume=assume_panoramas)
-            found.append(one)
+            beside = [folder / other for other in sidecars.of(name)]
+            reader = _Reader(positions, limits, assume_panoramas)
+            found.append(reader.look(folder / name, name, beside=beside))
         progress.advance()
     return found
 
@@ -90,34 +97,48 @@ def _leads_out(path: Path, folder: Path) -> bool:
     return path.is_symlink() and not Path(os.path.realpath(path)).is_relative_to(folder.resolve())
 
 
-def _look(
-    path: Path, name: str, *, positions: Positions | None, limits: PhotoLimits, assume: bool
-) -> SurveyedFile:
-    try:
-        facts = read_facts(path, limits=limits)
-        check_decodes(path, limits=limits)
-        around = find_panorama(path, facts, limits=limits, assume=assume)
-    except PhotoError as error:
-        photo_like = path.suffix.lower() in PHOTO_SUFFIXES
-        return SurveyedFile(
-            name, state=FileState.UNREADABLE if photo_like else FileState.NOT_A_PHOTO, reason=error.message
-        )
-    if around is not None and around.heading_deg is not None:
-        facts = replace(facts, heading=Heading(around.heading_deg, "T"))
-    if positions is None:
-        if not isinstance(facts.gps, Gps):
-            return SurveyedFile(name, facts, state=FileState.NO_POSITION, reason=facts.gps.reason)
-        position: LatLon | MapPixel = LatLon(facts.gps.lat, facts.gps.lon)
-        return SurveyedFile(name, facts, position, is_panorama=around is not None)
-    listed = positions.find(name)
-    if listed is None:
-        return SurveyedFile(
-            name, facts, state=FileState.NO_POSITION, reason="it is not in the list of positions"
-        )
-    heading = positions.heading_of(name)
-    if heading is not None:
-        facts = replace(facts, heading=Heading(heading, "T"))
-    return SurveyedFile(name, facts, listed, is_panorama=around is not None)
+@dataclass(frozen=True, slots=True)
+class _Reader:
+    """Reads photos for a map."""
+
+    positions: Positions | None
+    limits: PhotoLimits
+    assume: bool  # Whether all photos twice as wide as high are panoramas
+
+    def look(self, path: Path, name: str, *, beside: Sequence[Path]) -> SurveyedFile:
+        """Read a photo and the files beside it."""
+        try:
+            facts = read_facts(path, limits=self.limits)
+            check_decodes(path, limits=self.limits)
+            around = find_panorama(path, facts, limits=self.limits, assume=self.assume)
+            contrast = contrast_note(path, limits=self.limits)
+        except PhotoError as error:
+            photo_like = path.suffix.lower() in PHOTO_SUFFIXES
+            state = FileState.UNREADABLE if photo_like else FileState.NOT_A_PHOTO
+            return SurveyedFile(name, state=state, reason=error.message)
+        if contrast is not None:
+            facts = replace(facts, notes=(*facts.notes, contrast))
+        facts = with_sidecars(facts, read_sidecars(beside))
+        if around is not None and around.heading_deg is not None:
+            facts = replace(facts, heading=Heading(around.heading_deg, "T"))
+        return self._placed(name, facts, is_panorama=around is not None)
+
+    def _placed(self, name: str, facts: PhotoFacts, *, is_panorama: bool) -> SurveyedFile:
+        if self.positions is None:
+            if not isinstance(facts.gps, Gps):
+                return SurveyedFile(name, facts, state=FileState.NO_POSITION, reason=facts.gps.reason)
+            position = LatLon(facts.gps.lat, facts.gps.lon)
+            return SurveyedFile(
+                name, facts, position, is_panorama=is_panorama, position_from=facts.gps.source
+            )
+        listed = self.positions.find(name)
+        if listed is None:
+            reason = "it is not in the list of positions"
+            return SurveyedFile(name, facts, state=FileState.NO_POSITION, reason=reason)
+        heading = self.positions.heading_of(name)
+        if heading is not None:
+            facts = replace(facts, heading=Heading(heading, "T"))
+        return SurveyedFile(name, facts, listed, is_panorama=is_panorama, position_from="list")
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +151,7 @@ class FileResult:
     experience: Experience | None = None  # The experience in the map, if it was placed
     latlon: LatLon | None = None  # Geographic position, if known
     notes: tuple[str, ...] = ()  # Remarks on irregularities
+    position_from: str | None = None  # What its position is from: see `SurveyedFile`
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +211,14 @@ def place(s: SurveyedFile, image: MapImage, *, photo: str) -> FileResult:
         panorama=Panorama() if s.is_panorama else None,
         by_gps=s.gps is not None,
     )
-    return FileResult(s.name, FileState.PLACED, experience=experience, latlon=latlon, notes=notes)
+    return FileResult(
+        s.name,
+        FileState.PLACED,
+        experience=experience,
+        latlon=latlon,
+        notes=notes,
+        position_from=s.position_from,
+    )
 
 
 def with_ids(placed: Sequence[FileResult], before: Map | None) -> tuple[list[FileResult], int]:

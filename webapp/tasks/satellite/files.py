@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-import math
 import re
-import secrets
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -14,77 +11,18 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
-from PIL import Image
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from webapp.errors import PhotoError, UsageError
-from webapp.extras import extra
-from webapp.files.atomic import storage_error, write_bytes, write_text
-from webapp.files.decode import decode, open_image
-from webapp.files.part_file import move_in
-from webapp.files.photos.exif import orientation, read_exif
-from webapp.files.photos.photo import turn_upright
-from webapp.files.satellite.raster import Raster, opened_raster
-from webapp.settings import PhotoLimits, Settings
+from webapp.errors import UsageError
+from webapp.files.atomic import write_text
 from webapp.store.library import Library
 from webapp.store.maps.edits import FLOORS_KIND, OUTSIDE_KIND
 from webapp.store.schema import Edit, MapRecord
 from webapp.tasks.satellite import display
 
-_AS_PNG_PIXELS = 40_000_000
-"""A TIFF with more pixels is converted to JPEG."""
-
-_MAX_JPEG_SIDE = 65500
-_QUALITY = 92
-_UPRIGHT = 1
-
 _OURS = re.compile(r"satellite-[0-9a-f]{8}\.(png|jpg)")
-"""Names given by `keep_file` and `keep_pixels`."""
-
-
-def keep_file(source: Path, folder: Path) -> str:
-    """Move a PNG or JPEG file into the map's folder, named by its hash.
-
-    Args:
-        source: On the same disk.
-        folder: Folder of the map.
-
-    Returns:
-        `satellite-<8 hexadecimal digits of its hash>.png` or `.jpg`.
-    """
-    with source.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
-        file.seek(0)
-        suffix = ".png" if file.read(4) == b"\x89PNG" else ".jpg"
-    name = f"satellite-{digest[:8]}{suffix}"
-    move_in(source, folder / name)
-    return name
-
-
-def keep_pixels(pixels: NDArray[np.uint8], folder: Path, *, lossless: bool = True) -> str:
-    """Write an image to the map's folder, named by its hash.
-
-    Args:
-        pixels: (h, w, 3) uint8. Blue, green, red.
-        folder: Folder of the map.
-        lossless: PNG, else JPEG.
-
-    Returns:
-        As `keep_file`.
-    """
-    if lossless:
-        data = cv2.imencode(".png", pixels)[1].tobytes()
-    else:
-        data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
-    name = f"satellite-{hashlib.sha256(data).hexdigest()[:8]}{'.png' if lossless else '.jpg'}"
-    with _writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    write_bytes(folder / name, data)
-    return name
+"""Names given by `webapp.files.satellite.keep`."""
 
 
 def keep_source(folder: Path, name: str, *, source: Mapping[str, Any]) -> None:
@@ -104,83 +42,6 @@ def source_of(folder: Path, name: str) -> dict[str, Any]:
     except (OSError, ValueError):  # only the attribution is lost: the image can still be shown
         return {}
     return content if isinstance(content, dict) else {}
-
-
-def as_shown(path: Path, *, scratch: Path, settings: Settings) -> Path:
-    """Return an upright PNG or JPEG of an uploaded image: the file itself, or a copy in `scratch`.
-
-    Args:
-        path: PNG, JPEG or TIFF.
-        scratch: Folder for temporary files.
-
-    Raises:
-        PhotoError: It is damaged, too large, or of another format.
-        StorageError: Writing failed.
-    """
-    copy = scratch / f"{secrets.token_hex(8)}.image"
-    with opened_raster(path, limits=settings.satellite) as raster:
-        pixels, converted, placed = raster.width * raster.height, raster.kind == "GTiff", raster.georeferenced
-        if converted:
-            _convert(raster, copy, scratch=scratch)
-    shown = copy if converted else path
-    # images of drones and scanners may be rotated by EXIF, which not all viewers apply
-    turn = _UPRIGHT if placed else _orientation(path)
-    if turn == _UPRIGHT:
-        return shown
-    limits = PhotoLimits(max_mb=math.inf, max_megapixels=settings.photo.max_megapixels)
-    if pixels > limits.max_megapixels * 1e6:
-        raise PhotoError(
-            "the image is rotated by its EXIF and too large to be turned", hint="rotate it and save it again"
-        )
-    with open_image(shown, limits=limits) as image:
-        kind, turned = image.format, Image.fromarray(turn_upright(decode(image, "RGB"), turn))
-    with _writing(scratch):
-        turned.save(copy, format="JPEG" if kind == "JPEG" else "PNG", quality=95)
-    return copy
-
-
-def _orientation(path: Path) -> int:
-    """Return the EXIF orientation, 1 to 8; 1 for TIFFs that only GDAL can open."""
-    try:
-        with open_image(path, limits=PhotoLimits(max_mb=math.inf, max_megapixels=math.inf)) as image:
-            return orientation(read_exif(image))[0]
-    except PhotoError:
-        return _UPRIGHT
-
-
-def _convert(raster: Raster, target: Path, *, scratch: Path) -> None:
-    """Convert a TIFF to PNG or JPEG, with only a few rows in memory."""
-    with extra("geotiff"):
-        import rasterio
-        import rasterio.shutil
-    large = raster.width * raster.height > _AS_PNG_PIXELS or raster.lossy
-    jpeg = large and max(raster.width, raster.height) <= _MAX_JPEG_SIDE
-    plain = scratch / f"{secrets.token_hex(8)}.tif"
-    size = {"width": raster.width, "height": raster.height, "count": 3, "dtype": "uint8"}
-    options = {"QUALITY": _QUALITY} if jpeg else {"ZLEVEL": 6}
-    try:
-        with _writing(scratch):
-            out = rasterio.open(plain, "w", driver="GTiff", interleave="pixel", photometric="RGB", **size)
-        with out:
-            top = 0
-            for strip in raster.strips():
-                window = ((top, top + len(strip)), (0, raster.width))
-                with _writing(scratch):
-                    out.write(strip.transpose(2, 0, 1), window=window)
-                top += len(strip)
-        with _writing(scratch):
-            rasterio.shutil.copy(plain, target, driver="JPEG" if jpeg else "PNG", **options)
-    finally:
-        plain.unlink(missing_ok=True)
-
-
-@contextmanager
-def _writing(folder: Path) -> Iterator[None]:
-    """Distinguish a failing disk from a damaged image."""
-    try:
-        yield
-    except OSError as error:
-        raise storage_error(error, where=folder.name) from error
 
 
 def images_in_use(record: MapRecord) -> set[str]:

@@ -26,6 +26,7 @@ from webapp.errors import GeoreferenceError, NotFound, UsageError
 from webapp.files.maps.floors import floor_fields
 from webapp.files.maps.notes import note_fields
 from webapp.files.satellite.georeference_files import read_geotiff
+from webapp.files.satellite.keep import keep_file
 from webapp.files.satellite.raster import opened_raster, reduced
 from webapp.settings import Settings
 from webapp.store.library import Library
@@ -37,7 +38,8 @@ from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.maps.placing import needed_image
 from webapp.tasks.satellite.apply import TRAY
 from webapp.tasks.satellite.display import PREVIEW_PX
-from webapp.tasks.satellite.files import as_shown, keep_file, removed_if_refused
+from webapp.tasks.satellite.files import removed_if_refused
+from webapp.tasks.satellite.upright import as_shown
 
 
 @dataclass(frozen=True, slots=True)

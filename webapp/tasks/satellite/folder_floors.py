@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from webapp.core.geo.floors import BASE_FLOOR, FloorImage
 from webapp.core.mapmodel.model import Experience, Map, Placement, UnplacedPhoto, facts_of
@@ -20,21 +21,32 @@ from webapp.tasks.satellite.floors import (
     photos_on_floor,
     plan_transform,
 )
+from webapp.tasks.satellite.upright import upright_copy, upright_name
 
 
 def add_in_folder(cfg: Path, *, new: NewFloor, settings: Settings) -> None:
-    """Add a floor; its image is copied next to the map, under its own name.
+    """Add a floor; its image is copied next to the map, under its own name, upright.
 
     Raises MapError, UsageError, PhotoError, StorageError.
     """
     the_map = read_map(cfg)
     there = the_map.floors or (replace(new.base, id=BASE_FLOOR),)
-    image = None if new.file is None else _laid(new.file, the_map, settings=settings)
-    floor = replace(new.floor, id=1 + max(one.id for one in there), image=image)
-    check_floors((*there, floor))
-    if new.file is not None:
-        _copy(new.file, cfg.with_name(new.file.name))
+    with TemporaryDirectory() as scratch:
+        file = None if new.file is None else _shown(new.file, Path(scratch), settings=settings)
+        image = None if file is None else _laid(file, the_map, settings=settings)
+        floor = replace(new.floor, id=1 + max(one.id for one in there), image=image)
+        check_floors((*there, floor))
+        if file is not None:
+            _copy(file, cfg.with_name(file.name))
     write_map(cfg, replace(the_map, floors=(*there, floor)))
+
+
+def _shown(file: Path, scratch: Path, *, settings: Settings) -> Path:
+    """Return the image as it is used: the file, or an upright copy in `scratch`, named after it."""
+    copy = upright_copy(file, scratch=scratch, settings=settings)
+    if copy is None:
+        return file
+    return copy.rename(scratch / upright_name(file.name, copy))
 
 
 def remove_in_folder(cfg: Path, id: int, *, to_tray: bool) -> None:

@@ -13,6 +13,7 @@ from webapp.core.geo.blank import draw, draw_sheet, plan_around
 from webapp.core.geo.georeference import Georeference
 from webapp.errors import GeoreferenceError, UsageError
 from webapp.files.satellite.georeference_files import read_geotiff
+from webapp.files.satellite.keep import keep_file, keep_pixels
 from webapp.files.satellite.raster import opened_raster, reduced
 from webapp.settings import Settings
 from webapp.store.library import Library
@@ -21,8 +22,9 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.satellite import display
 from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, ImageChoice, ImageEditResult, NewImage, set_image
-from webapp.tasks.satellite.files import as_shown, keep_file, keep_pixels, removed_if_refused
+from webapp.tasks.satellite.files import removed_if_refused
 from webapp.tasks.satellite.georeference import GeoreferenceRequest, fit
+from webapp.tasks.satellite.upright import as_shown, turned_note
 
 SMALLEST_PX, LARGEST_PX = 100, 10_000
 
@@ -32,7 +34,7 @@ class UploadedImage:
     """The result of an uploaded image."""
 
     applied: ImageEditResult
-    warnings: tuple[str, ...]  # Warnings about its georeference
+    warnings: tuple[str, ...]  # About its georeference, and whether it was turned
 
 
 def store_upload(
@@ -71,6 +73,7 @@ def store_upload(
         else:
             found = fit(request, width=width, height=height)
             georeference, warnings = found.georeference, found.warnings
+        warnings = (*warnings, *filter(None, [turned_note(file, settings)]))
         name = keep_file(shown, folder)
     display.write_small(folder, name, small=small, large=max(width, height) > DISPLAY_SIDE_PX)
     new = NewImage(name, MapImage(width, height, georeference))

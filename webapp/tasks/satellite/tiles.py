@@ -13,6 +13,7 @@ from PIL import Image
 from webapp.core.geo.tilegrid import TILE_PX, GeoBox, Tile, TileCut, cut_of
 from webapp.errors import InputError, PhotoError, UsageError
 from webapp.files.decode import open_image
+from webapp.files.satellite.keep import keep_pixels
 from webapp.net.services import TileService, named, tile_services
 from webapp.net.tiles import TileFetcher
 from webapp.progress import Progress
@@ -23,7 +24,7 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.satellite import display
 from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, NewImage
-from webapp.tasks.satellite.files import keep_pixels, keep_source
+from webapp.tasks.satellite.files import keep_source
 
 TILES_JOB = "satellite-tiles"
 _MISSING = 204

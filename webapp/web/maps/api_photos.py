@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import Boolean, File, Integer, Nested, String
+from apiflask.fields import Boolean, File, Integer, List, Nested, String
 from apiflask.validators import Length, Range
 from flask import Response, request
 from werkzeug.datastructures import FileStorage
@@ -28,6 +28,8 @@ from webapp.files.part_file import (
     receive,
 )
 from webapp.files.photos.preview import Kind
+from webapp.files.photos.sidecars import Sidecar, Sidecars, is_sidecar
+from webapp.files.photos.xmp import MAX_BYTES
 from webapp.store.maps import maps, uploads
 from webapp.store.schema import MapRecord, Photo, Upload
 from webapp.tasks.maps import add_photo, show_photo
@@ -48,6 +50,8 @@ _OTHER_PARTS = 20
 _MOST_FILES = 10_000
 """Of the schema; `upload.files_per_request` limits them further."""
 """Allowance for form fields other than files."""
+_MOST_BESIDE = 150_000
+"""Characters of a file beside a photo that is sent with an upload."""
 
 
 class ErrorOut(Schema):
@@ -70,6 +74,13 @@ class IntakeOut(Schema):
         allow_none=True, metadata={"description": "why it was not placed by its GPS, for people"}
     )
     job = Integer(allow_none=True, metadata={"description": "that takes it into the index"})
+    notes = List(
+        String(),
+        metadata={"description": "about its file: where its position is from, what was left out"},
+    )
+    belongs_to = String(
+        metadata={"description": "of a file beside a photo: the name of the photo that it was read for"}
+    )
     error = Nested(ErrorOut)
 
 
@@ -80,7 +91,9 @@ class PhotosIn(Schema):
         File(),  # type: ignore[no-untyped-call]
         required=True,
         most=_MOST_FILES,
-        metadata={"description": "repeated: one for each photo"},
+        metadata={
+            "description": "repeated: one for each photo, and for the `.xmp` and JSON of Google beside photos"
+        },
     )
 
 
@@ -93,6 +106,7 @@ def intake_json(intake: AddedPhoto) -> dict[str, Any]:
         "duplicate": intake.duplicate,
         "gps_problem": intake.gps_problem,
         "job": intake.job,
+        "notes": list(intake.notes),
     }
 
 
@@ -125,7 +139,29 @@ def add(slug: str, given: dict[str, list[FileStorage]]) -> list[dict[str, Any]]:
             where="file",
             hint=f"send 1 to {most}, or one by one",
         )
-    return [_take_in(record, file) for file in given["file"]]
+    names = [add_photo.tidy_name(file.filename or "") for file in given["file"]]
+    beside = {
+        name: Sidecar(name, file.stream.read(MAX_BYTES + 1))
+        for name, file in zip(names, given["file"], strict=True)
+        if is_sidecar(name)
+    }
+    photo_of = Sidecars(names).photo_of
+    return [
+        _take_in(record, file, name=name, beside=tuple(beside.values()))
+        if name not in beside
+        else _beside(name, photo_of(name))
+        for name, file in zip(names, given["file"], strict=True)
+    ]
+
+
+def _beside(name: str, photo: str | None) -> dict[str, Any]:
+    """Return the result for a file beside a photo."""
+    if photo is not None:
+        return {"name": name, "placed": False, "belongs_to": photo}
+    error = PhotoError(
+        "no photo of the request belongs to it", where=name, hint="send it together with its photo"
+    )
+    return {"name": name, "placed": False, "error": as_json(error)}
 
 
 @photos_api.get("/<id:id>/thumb")
@@ -151,14 +187,14 @@ def original(slug: str, id: int) -> Response:
     return send_original(file, photo.name, audience="members")
 
 
-def _take_in(record: MapRecord, file: FileStorage) -> dict[str, Any]:
-    name = add_photo.tidy_name(file.filename or "")
+def _take_in(
+    record: MapRecord, file: FileStorage, *, name: str, beside: tuple[Sidecar, ...]
+) -> dict[str, Any]:
     part = library().uploads / f"{secrets.token_hex(16)}.part"
     try:
         receive(part, file.stream, max_bytes=int(settings().photo.max_mb * 1e6))
-        return intake_json(
-            add_photo.add_photo(library(), record.id, photo=IncomingPhoto(part, name), settings=settings())
-        )
+        photo = IncomingPhoto(part, name, beside=beside)
+        return intake_json(add_photo.add_photo(library(), record.id, photo=photo, settings=settings()))
     except ExpMapError as error:
         return {"name": name, "placed": False, "error": as_json(error)}
     finally:
@@ -176,6 +212,13 @@ def _preview(slug: str, id: int, kind: Kind) -> Response:
     return send_picture(file, kind=kind, audience="members", changes_url=True)
 
 
+class BesideIn(Schema):
+    """A file beside a photo."""
+
+    name = String(required=True, validate=Length(max=500))
+    content = String(required=True, validate=Length(max=_MOST_BESIDE))
+
+
 class UploadIn(Schema):
     """The file to upload."""
 
@@ -185,6 +228,15 @@ class UploadIn(Schema):
         required=True,
         validate=Length(min=1, max=500),
         metadata={"description": "the same for the same file: made of name, size and time, say"},
+    )
+    beside = BoundedList(
+        Nested(BesideIn),
+        most=3,
+        load_default=list,
+        metadata={
+            "description": "Files beside the photo, by their names: `.xmp`, and the JSON of Google Takeout. "
+            "What does not belong to it is ignored."
+        },
     )
 
 
@@ -217,7 +269,7 @@ def begin(slug: str, given: dict[str, Any]) -> dict[str, Any]:
     _check_size(given["name"], given["size_bytes"])
     with library().database.write() as session:
         row = session.get_one(MapRecord, record.id, with_for_update=True)
-        upload = uploads.begin(session, row, account_id=who.id, **given)
+        upload = uploads.begin(session, row, account_id=who.id, file=uploads.Announced(**given))
         most = settings().upload.open_per_account
         if uploads.count_open(session, account_id=who.id) > most:
             raise UsageError(f"{most} uploads are unfinished", hint="finish or cancel some of them first")
@@ -248,7 +300,8 @@ def send(slug: str, id: str) -> dict[str, Any]:
             there = append(part, data, offset=offset, size=upload.size_bytes)
             if there < upload.size_bytes:
                 return {"offset": there}
-            incoming = IncomingPhoto(part, upload.name, upload.photo_id)
+            beside = [Sidecar(one["name"], one["content"].encode()) for one in upload.beside or ()]
+            incoming = IncomingPhoto(part, upload.name, upload.photo_id, beside=tuple(beside))
             intake = add_photo.add_photo(library(), record.id, photo=incoming, settings=settings())
         except (InputError, DiskFull):
             _give_up(upload)

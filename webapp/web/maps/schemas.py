@@ -116,6 +116,13 @@ class PhotoOut(Schema):
     gps_problem = String(
         allow_none=True, metadata={"description": "Why there is no GPS position, for people."}
     )
+    file_notes = List(
+        String(),
+        metadata={
+            "description": "Sentences about its file: where its position is from if not from EXIF, what was "
+            "left out."
+        },
+    )
     revision = Integer(metadata={"description": "Of the map, when the photo last changed."})
     preview = String(metadata={"description": "Address of a picture of at most 1600 x 1600 pixels."})
     thumb = String(metadata={"description": "Address of a picture of at most 256 x 256 pixels."})

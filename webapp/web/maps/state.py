@@ -216,6 +216,7 @@ def _photo(record: MapRecord, photo: Photo, *, gps: dict[str, Any] | None) -> di
         "height": photo.height,
         "gps": gps,
         "gps_problem": photo.gps_problem,
+        "file_notes": photo.file_notes or [],
         "revision": photo.revision,
         "preview": picture_address(record, photo, kind="preview"),
         "thumb": picture_address(record, photo, kind="thumb"),

@@ -130,6 +130,7 @@ export class CurrentPhoto {
     if (photo.taken_at) facts.push(...fact(t("Taken"), clockText(photo.taken_at)));
     if (photo.camera) facts.push(...fact(t("Camera"), photo.camera));
     facts.push(...fact(t("GPS"), this._gps(photo)));
+    if (photo.file_notes?.length) facts.push(...fact(t("File"), photo.file_notes.join("; ")));
     if (position) {
       const radius = this.store.radius(photo.id);
       const within = radius === null ? "" : ` ± ${offText(radius, this.store.georeference.metresPerPixel)}`;

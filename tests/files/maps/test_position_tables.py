@@ -1,0 +1,174 @@
+"""Tables of photos and positions as other programs and spreadsheets write them."""
+
+import numpy as np
+import pytest
+from pyproj import Transformer
+
+from webapp.core.geo.types import LatLon
+from webapp.errors import TableError
+from webapp.files.maps.control_point_table import read_rows
+from webapp.files.maps.positions import read_positions
+from webapp.files.satellite.georeference_files import read_control_points
+
+A, B = LatLon(50.1, 14.4), LatLon(50.101, -14.401)
+
+
+def read(tmp_path, text, *, encoding="utf-8", columns=None):
+    path = tmp_path / "list.txt"
+    path.write_bytes(text.encode(encoding))
+    return read_positions(path, columns=columns)
+
+
+def utm(at):
+    return Transformer.from_crs(4326, 32633, always_xy=True).transform(at.lon, at.lat)
+
+
+def near(found, wanted):
+    return {n: tuple(at) for n, at in found.items()} == {
+        n: pytest.approx(tuple(at), abs=1e-9) for n, at in wanted.items()
+    }
+
+
+HEADERS = {
+    "excel": "sep=;\nname;lat;lon",
+    "excel quoted": '"sep=;"\nname;lat;lon',
+    "pix4d": "imagename;latitude [decimal degrees];longitude [decimal degrees];altitude [meter]",
+    "German": "Dateiname;Breite;Länge",
+    "German in words": "Bild;Geographische Breite;Geographische Länge (°)",
+    "German, ae": "Foto;Breitengrad [Grad];Laengengrad [Grad]",
+    "Czech": "Název souboru;Šířka;Délka",
+    "Czech in words": "Soubor;Zeměpisná šířka;Zeměpisná délka",
+    "Spanish": "Nombre;Latitud;Longitud",
+    "Spanish in words": "Archivo;Latitud (grados);Longitud (grados)",
+    "French": "Nom du fichier;Latitude;Longitude",
+    "French, degrees": "Fichier;Latitude (degrés);Longitude (degrés)",
+    "datum": "Photo;Lat (WGS 84);Lon (WGS 84)",
+}
+
+
+@pytest.mark.parametrize("name", HEADERS)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "page"])
+def test_headers_of_spreadsheets_in_all_languages_of_the_pages(tmp_path, name, encoding):
+    page = "cp1250" if "Czech" in name else "cp1252"
+    text = f"{HEADERS[name]}\na é.jpg;50,1;14,4;200\nb.jpg;50.101;-14.401;200\n"
+    found = read(tmp_path, text, encoding=page if encoding == "page" else encoding)
+    assert found.by_name == {"a é.jpg": A, "b.jpg": B}
+
+
+@pytest.mark.parametrize("heading", ["Blickrichtung", "směr", "dirección", "cap", "Yaw [degrees]"])
+def test_headings_in_all_languages(tmp_path, heading):
+    assert read(tmp_path, f"photo;lat;lon;{heading}\na.jpg;1;2;-90\n").headings_deg == {"a.jpg": 270.0}
+
+
+def test_quoted_decimal_commas(tmp_path):
+    found = read(tmp_path, 'name,lat,lon\na.jpg,"50,1","14,4"\nb.jpg,"50,101","-14,401"\n')
+    assert found.by_name == {"a.jpg": A, "b.jpg": B}
+    with pytest.raises(TableError, match="is not a number"):
+        read(tmp_path, 'name,x,y\na.jpg,"1,234","5,678"\n')  # a thousand pixels, or one?
+
+
+WGS = 'GEOGCS["WGS 84",DATUM["World Geodetic System 1984",SPHEROID["WGS 84",6378137,298.257223563]]]'
+
+
+def test_metashape_in_degrees(tmp_path):
+    text = f"# CoordinateSystem: {WGS}\n#Label,X/Longitude,Y/Latitude,Z/Altitude,Yaw,Pitch,Roll\n"
+    found = read(tmp_path, f"{text}a.jpg,14.4,50.1,200,45,0,0\nb,-14.401,50.101,200,,,\n# end\n")
+    assert near(found.by_name, {"a.jpg": A, "b": B})
+    assert found.headings_deg == {"a.jpg": 45}
+    assert found.find("photos/b.jpg") is not None, "labels may have no suffix"
+
+
+def test_metashape_in_metres_of_a_stated_system(tmp_path):
+    (xa, ya), plane = utm(A), "EPSG:32633"
+    text = f"# CoordinateSystem: {plane}\n#Label,X/Easting,Y/Northing,Z/Altitude\na.jpg,{xa!r},{ya!r},200\n"
+    assert near(read(tmp_path, text).by_name, {"a.jpg": A})
+    with pytest.raises(TableError, match="in metres") as caught:
+        read(tmp_path, text.partition("\n")[2])
+    assert "WGS 84" in caught.value.hint
+    with pytest.raises(TableError, match="coordinate system"):
+        read(tmp_path, text.replace(plane, 'LOCAL_CS["Local"]'))
+
+
+@pytest.mark.parametrize("plane", ["EPSG:32633", "WGS84 UTM 33N", "+proj=utm +zone=33 +datum=WGS84 +units=m"])
+def test_geo_txt_of_odm(tmp_path, plane):
+    x, y = utm(A)
+    found = read(tmp_path, f"{plane}\na.jpg {x!r} {y!r} 200 90 0 0 1 1\n")
+    assert near(found.by_name, {"a.jpg": A})
+    assert found.headings_deg == {"a.jpg": 90}
+
+
+def test_geo_txt_in_degrees_has_longitude_first(tmp_path):
+    assert read(tmp_path, "EPSG:4326\na.jpg 14.4 50.1\nb.jpg -14.401 50.101 7\n").by_name == {
+        "a.jpg": A,
+        "b.jpg": B,
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("EPSG:4326\n14.4 50.1 200 100 200 a.jpg gcp1\n", "gcp_list"),
+        ("EPSG:4326\na.jpg 14.4\n", "name, x and y"),
+        ("EPSG:4326\na.jpg 514.4 500.1\n", "latitude|outside|degrees|range"),
+        ("EPSG:999999\na.jpg 14.4 50.1\n", "unknown coordinate system"),
+        ("+proj=utm +zone=33 +nadgrids=/etc/passwd\na.jpg 1 2\n", "unknown coordinate system"),
+        ("mapX,mapY,sourceX,sourceY,enable\n1,2,3,-4,1\n", "ground control points"),
+        ("a.jpg,50.1,14.4,200\n", "recognised"),
+        ("sep=;\n", "no rows"),
+    ],
+)
+def test_what_is_no_list_of_photos_is_refused_by_name(tmp_path, text, why):
+    with pytest.raises(TableError, match=why):
+        read(tmp_path, text)
+
+
+def test_a_table_without_a_header_needs_columns(tmp_path):
+    found = read(tmp_path, "a.jpg,50.1,14.4,200\n", columns="name=1, lat=2, lon=3")
+    assert found.by_name == {"a.jpg": A}
+
+
+GPX = '<gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1">{}</gpx>'
+
+
+def test_waypoints_with_links_to_photos(tmp_path):
+    points = (
+        '<wpt lat="50.1" lon="14.4"><name>Bridge</name><link href="file:///sd/My%20photos/a.jpg"/>'
+        '<link href="c.jpg"><text>c</text></link><link href="https://example.org/"/></wpt>'
+        '<wpt lat="50.101" lon="-14.401"><name>b.jpg</name><url>https://example.org/b</url></wpt>'
+    )
+    found = read(tmp_path, GPX.format(points))
+    assert found.by_name == {"sd/My photos/a.jpg": A, "c.jpg": A, "b.jpg": B}
+    assert found.find("a.jpg") == A
+
+
+def test_points_of_qgis_are_control_points(tmp_path):
+    x, y = utm(A)
+    path = tmp_path / "plan.points"
+    path.write_text(
+        "#CRS: EPSG:32633\nmapX,mapY,sourceX,sourceY,enable,dX,dY,residual\n"
+        f"{x!r},{y!r},120.5,-80.25,1,0,0,0\n1,1,1,-1,0,0,0,0\n"
+    )
+    (point,) = read_control_points(path)
+    assert tuple(point.pixel) == (120.5, 80.25)
+    assert tuple(point.position) == pytest.approx(tuple(A), abs=1e-9)
+    path.write_text(f"mapX,mapY,pixelX,pixelY,enable\n{x!r},{y!r},120.5,-80.25,1\n")
+    with pytest.raises(TableError, match="no coordinate system"):
+        read_control_points(path)
+    path.write_text("mapX,mapY,pixelX,pixelY,enable\n14.4,50.1,1,-2,1\n")
+    assert tuple(read_control_points(path)[0].position) == tuple(A)
+
+
+def test_gcp_list_of_odm_is_a_table_of_control_points(tmp_path):
+    x, y = utm(A)
+    path = tmp_path / "gcp_list.txt"
+    path.write_text(
+        f"EPSG:32633\n{x!r} {y!r} 200 10 20 a.jpg\n{x!r} {y!r} 200 30 40 b.jpg\n{x!r} {y!r} 1 5 6 b.jpg P\n"
+    )
+    rows = read_rows(path)
+    assert [(row.name, row.photo, row.click_px, row.height_m) for row in rows] == [
+        ("GCP 1", "a.jpg", (10, 20), 200), ("GCP 1", "b.jpg", (30, 40), 200), ("P", "b.jpg", (5, 6), 1),
+    ]  # fmt: skip
+    assert np.allclose([row.position for row in rows], tuple(A))
+    path.write_text("EPSG:32633\n1 2 3\n")
+    with pytest.raises(TableError, match="too few"):
+        read_rows(path)

@@ -1,0 +1,366 @@
+"""Tables of photos and their positions, as people and programs of photogrammetry write them.
+
+A table has any delimiter, and columns of names, of positions and optionally of headings, which are named by
+its header or by the caller (`webapp.core.columns`). Lists of ODM (`geo.txt`) have no header but a coordinate
+system in the first line; exports of Metashape state theirs in a comment.
+"""
+
+from __future__ import annotations
+
+import codecs
+import io
+import math
+import re
+import unicodedata
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+
+from webapp.core.columns import PHOTO_FIELDS, Column, ColumnFields, Columns, guess_columns, parse_columns
+from webapp.core.geo.crs import crs_name, latlon_from_plane
+from webapp.core.geo.fit import check_positions
+from webapp.core.geo.types import LatLon, MapPixel
+from webapp.errors import GeoreferenceError, TableError, TrackError
+from webapp.files.decode import PHOTO_SUFFIXES
+from webapp.files.text_file import cell_text, delimiter_of, numbered_lines, split_row
+
+_WORDS: Mapping[str, Sequence[str]] = {
+    "name": (
+        "imagename",
+        "photoname",
+        "label",
+        "image_filename",
+        *("bild", "bildname", "foto", "fotoname", "datei", "dateiname"),
+        *("nazev", "nazev_souboru", "soubor", "fotka", "snimek", "obrazek", "jmeno"),
+        *("nombre", "archivo", "fichero", "imagen", "nombre_de_archivo", "fotografia"),
+        *("nom", "fichier", "nom_du_fichier", "photographie"),
+    ),
+    "lat": (
+        *("x_lat", "y/latitude", "gps_latitude", "latitude_wgs84"),
+        *("geographische_breite", "breitengrad", "geogr_breite"),
+        *("sirka", "zemepisna_sirka", "zem_sirka", "sev_sirka"),
+        *("latitud", "lat_wgs84"),
+    ),
+    "lon": (
+        *("x/longitude", "gps_longitude", "longitude_wgs84"),
+        *("lange", "laenge", "geographische_lange", "geographische_laenge", "langengrad", "laengengrad"),
+        *("geogr_lange", "geogr_laenge"),
+        *("delka", "zemepisna_delka", "zem_delka", "vych_delka"),
+        *("longitud", "lon_wgs84", "lng_wgs84"),
+    ),
+    "x": ("x/easting", "x/east", "easting", "geo_x"),
+    "y": ("y/northing", "y/north", "northing", "geo_y"),
+    "heading": (
+        *("richtung", "blickrichtung", "kurs", "ausrichtung"),
+        *("smer", "kurz", "azimut", "natoceni"),
+        *("direccion", "rumbo", "orientacion", "acimut"),
+        *("cap", "orientation", "azimuth"),
+    ),
+}
+"""Headers of other programs and in the languages of the pages, without accents, besides those of columns."""
+
+FIELDS = ColumnFields(
+    PHOTO_FIELDS.units,
+    {name: (*names, *_WORDS.get(name, ())) for name, names in PHOTO_FIELDS.names.items()},
+    PHOTO_FIELDS.needed,
+    PHOTO_FIELDS.example,
+)
+"""Columns of these tables."""
+
+_CODE_PAGES = ("cp1252", "cp1250")
+"""Of Windows in Western and in Central Europe."""
+
+_UNKNOWN = ("", "-")
+_LONGEST_ANGLE = 60
+"""Characters; matching a long sequence of digits would take cubic time."""
+
+_ANGLE = re.compile(
+    r"""([NSEW]?)\s*([+-]?[0-9]+(?:\.[0-9]*)?)\s*(?:deg|°|º)?\s*
+    (?:([0-9]+(?:\.[0-9]*)?)\s*['′’]?\s*)?(?:([0-9]+(?:\.[0-9]*)?)\s*(?:"|″|'')?\s*)?([NSEW]?)""",
+    re.IGNORECASE | re.VERBOSE,
+)
+"""Degrees, optionally with minutes, seconds, and a letter on one side."""
+
+_SEPARATOR = re.compile(r"\"?sep=(.)\"?[;,\t|]*", re.IGNORECASE)
+"""A first line for Excel."""
+
+_STATED = re.compile(r"#\s*CoordinateSystem:\s*(.+)", re.IGNORECASE)
+_ODM = re.compile(r"(EPSG:\d{4,6}|WGS84\s+UTM\s+\d{1,2}\s*[NS]|\+proj=.+|\+init=.+)", re.IGNORECASE)
+_UTM = re.compile(r"WGS84\s+UTM\s+(\d{1,2})\s*([NS])", re.IGNORECASE)
+_NUMBER = re.compile(r"[+-]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)?")
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+")
+_METRES = re.compile(r"[\[(]\s*(m|meters?|metres?)\s*[\])]|easting|northing|x/east|y/north|geo_[xy]")
+_IN_BRACKETS = (
+    (re.compile(r"[\[(]\s*decimal[\s_]*degrees?\s*[\])]"), "[deg]"),
+    (re.compile(r"[\[(]\s*(grad|stupne|grados|degres|degrees?|dd)\s*[\])]"), "[deg]"),
+    (re.compile(r"[\[(]\s*(wgs[\s_-]*84|epsg:4326|n|e|no?rd|ost|sud|est)\s*[\])]"), ""),
+)
+_LARGEST_GROUND_POINT = 6
+"""Columns before the name of a line of ODM's `gcp_list.txt` end with it: x y z, pixel x y, photo."""
+
+
+@dataclass(frozen=True, slots=True)
+class ListedPosition:
+    """One photo of a list; `where` is its location in the list, for errors."""
+
+    name: str
+    position: LatLon | MapPixel
+    heading_deg: float | None
+    where: str
+
+
+Lines = Sequence[tuple[str, str]]
+"""Lines of a file, each with its location."""
+
+
+def read_table(data: bytes, columns: str | None, *, where: str, formats: str) -> list[ListedPosition]:
+    """Read a table; rows without a position, as exiftool writes for photos without GPS, are skipped.
+
+    Args:
+        columns: Meaning of the columns; None to guess it from the header.
+        formats: What can be read, for errors.
+
+    Raises:
+        TableError, TrackError: It is malformed, with the line.
+        UsageError: `columns` does not fit.
+    """
+    text = io.BytesIO(_utf8(data))
+    numbered: Lines = [(f"{where}:{n}", line) for n, line in numbered_lines(text) if line.strip()]
+    if not numbered:
+        raise TableError("the file is empty", where=where, hint=f"use {formats}")
+    separator = _SEPARATOR.fullmatch(numbered[0][1].strip())
+    lines = numbered[1:] if separator else numbered
+    plane, lines = _preamble(lines) if lines else (None, lines)
+    if not lines:
+        raise TableError("the table has no rows", where=where, hint=f"use {formats}")
+    if plane is not None and _ODM.fullmatch(numbered[0][1].strip()):
+        return list(_in_plane(_odm_rows(lines), plane))
+    delimiter = separator[1] if separator else delimiter_of(lines[0][1]) or ";"
+    rows = list(_rows(lines, columns, delimiter=delimiter, in_plane=plane is not None))
+    return rows if plane is None else list(_in_plane(rows, plane))
+
+
+def _utf8(data: bytes) -> bytes:
+    """Return a table as UTF-8; spreadsheets write UTF-16 or a code page, which is told by the header."""
+    try:
+        if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            return data.decode("utf-16").encode()
+        data.decode()
+    except UnicodeDecodeError:
+        texts = [data.decode(page, "replace") for page in _CODE_PAGES]
+        known = [max(map(_header_words, text.splitlines()[:3]), default=0) for text in texts]
+        return texts[known.index(max(known))].encode()
+    return data
+
+
+def _preamble(lines: Lines) -> tuple[str | None, Lines]:
+    """Return the coordinate system that the lines before the header state, and the others."""
+    place, line = lines[0]
+    plane = odm_plane(line, place)
+    if plane is not None:
+        return plane, lines[1:]
+    while lines:
+        place, line = lines[0]
+        stated = _STATED.fullmatch(line.strip())
+        if stated is not None:
+            plane = _plane(stated[1].strip(), place)
+        elif not line.lstrip().startswith("#") or _header_words(line) >= 2:
+            break
+        lines = lines[1:]
+    return plane, lines
+
+
+def odm_plane(line: str, where: str) -> str | None:
+    """Return the coordinate system that the first line of a list of ODM states; None for another line."""
+    return _plane(line.strip(), where) if _ODM.fullmatch(line.strip()) else None
+
+
+def _header_words(line: str) -> int:
+    """Count the cells of a line that are known headers."""
+    delimiter = delimiter_of(line.lstrip("# ")) or ";"
+    cells = split_row(line, delimiter)
+    words = {word for names in FIELDS.names.values() for word in names}
+    plain = [re.sub(r"[\s.\-]+", "_", _plain(cell).lstrip("#% ").strip()) for cell in cells]
+    return sum(cell in words for cell in plain)
+
+
+def _plane(text: str, where: str) -> str:
+    utm = _UTM.fullmatch(text)
+    if utm is not None:
+        text = f"EPSG:{(32600 if utm[2].upper() == 'N' else 32700) + int(utm[1])}"
+    try:
+        return crs_name(text)
+    except GeoreferenceError as error:
+        raise TableError(error.message, where=where, hint=error.hint) from error
+
+
+def _rows(lines: Lines, columns: str | None, *, delimiter: str, in_plane: bool) -> Iterator[ListedPosition]:
+    header = split_row(lines[0][1], delimiter)
+    known = _columns(header, columns, where=lines[0][0], in_plane=in_plane)
+    row = _Row(known, delimiter=delimiter, in_plane=in_plane)
+    first = 0 if columns and row.is_data(header) else 1
+    for place, line in lines[first:]:
+        entry = row.entry(split_row(line, delimiter), place)
+        if entry is not None:
+            yield entry
+
+
+def _columns(header: Sequence[str], columns: str | None, *, where: str, in_plane: bool) -> Columns:
+    if columns:
+        return parse_columns(columns, header, fields=FIELDS)
+    plain = [_plain(cell) for cell in header]
+    if _is_of_ground_points(plain):
+        raise TableError(
+            "these are ground control points of an image, not positions of photos",
+            where=where,
+            hint="give them as control points of the satellite image",
+        )
+    try:
+        found = guess_columns(plain, fields=FIELDS)
+    except TrackError as error:
+        is_photo = PurePosixPath(header[0].strip()).suffix.lower() in PHOTO_SUFFIXES if header else False
+        hint = "the first line is a photo, not a header: assign columns by number: name=1, lat=2, lon=3"
+        raise TableError(error.message, where=where, hint=hint if is_photo else error.hint) from error
+    if (
+        "lat" not in found
+        and not in_plane
+        and any(map(_METRES.search, (plain[found[side].index] for side in "xy")))
+    ):
+        raise TableError(
+            "the positions are in metres, and the table states no coordinate system",
+            where=where,
+            hint="export them in degrees (WGS 84), or begin with a line such as EPSG:32633",
+        )
+    return found
+
+
+def _is_of_ground_points(header: Sequence[str]) -> bool:
+    return {"mapx", "mapy"} <= {cell.strip() for cell in header}
+
+
+def _plain(cell: str) -> str:
+    """Return a header in lower case, without accents, with units as columns have them."""
+    parts = unicodedata.normalize("NFKD", cell.strip().lower().replace("ß", "ss"))
+    text = "".join(c for c in parts if not unicodedata.combining(c))
+    for pattern, unit in _IN_BRACKETS:
+        text = pattern.sub(unit, text)
+    return text.strip()
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """Reads rows of a table."""
+
+    columns: Columns
+    delimiter: str
+    in_plane: bool  # Whether the table states a coordinate system: numbers are east and north in it
+
+    def entry(self, fields: Sequence[str], where: str) -> ListedPosition | None:
+        sides = ("lat", "lon") if "lat" in self.columns else ("x", "y")
+        texts = [self.text(fields, side) for side in sides]
+        name = self.text(fields, "name").replace("\\", "/")
+        if all(text in _UNKNOWN for text in texts) or not name or name.startswith("#"):
+            return None
+        first, second = (self.number(fields, side, where) for side in sides)
+        if self.in_plane:
+            position: LatLon | MapPixel = MapPixel(*((first, second) if sides[0] == "x" else (second, first)))
+        else:
+            position = MapPixel(first, second) if sides == ("x", "y") else latlon(first, second, where=where)
+        heading = None
+        if self.text(fields, "heading") not in _UNKNOWN:
+            heading = checked_heading(self.number(fields, "heading", where), where)
+        return ListedPosition(name, position, heading, where)
+
+    def is_data(self, fields: Sequence[str]) -> bool:
+        """Return whether the first line is a row rather than a header."""
+        try:
+            return self.entry(fields, "") is not None
+        except TableError:
+            return False
+
+    def text(self, fields: Sequence[str], name: str) -> str:
+        column = self.columns.get(name)
+        return cell_text(fields[column.index].strip()) if column and column.index < len(fields) else ""
+
+    def number(self, fields: Sequence[str], name: str, where: str) -> float:
+        text = self.text(fields, name)
+        value = _angle(text.replace(",", ".") if self._has_decimal_comma(text, name) else text)
+        if value is None:
+            hint = "use a decimal point" if "," in text else "write a plain number"
+            raise TableError(f"{text[:40]!r} is not a number", where=where, hint=hint)
+        against = self.text(fields, f"{name}_ref")[:1].upper()
+        return (-abs(value) if against in ("S", "W") else value) * self.columns[name].scale
+
+    def _has_decimal_comma(self, text: str, name: str) -> bool:
+        """Return whether a comma is that of a decimal, also in a quoted cell of a table with commas."""
+        if self.delimiter != ",":
+            return True
+        is_pixel = name in ("x", "y")
+        return bool(_DECIMAL_COMMA.fullmatch(text)) and not (is_pixel and _THOUSANDS.fullmatch(text))
+
+
+def _odm_rows(lines: Lines) -> Iterator[ListedPosition]:
+    """Read the rows of ODM's `geo.txt`: name, x, y, and optionally z, yaw and more."""
+    for place, line in lines:
+        cells = line.split()
+        if line.lstrip().startswith("#"):
+            continue
+        numbers = [bool(_NUMBER.fullmatch(cell)) for cell in cells]
+        if len(cells) >= _LARGEST_GROUND_POINT and all(numbers[:5]) and not numbers[5]:
+            raise TableError(
+                "these are ground control points in photos (gcp_list.txt), not positions of photos",
+                where=place,
+                hint="ODM's positions of photos are in geo.txt",
+            )
+        if len(cells) < 3 or not all(numbers[1:3]):
+            raise TableError("a line needs a name, x and y", where=place, hint="write: name x y [z] [yaw]")
+        columns = {
+            "name": Column(0, 1.0),
+            "x": Column(1, 1.0),
+            "y": Column(2, 1.0),
+            "heading": Column(4, 1.0),
+        }
+        entry = _Row(columns, delimiter=" ", in_plane=True).entry(cells, place)
+        if entry is not None:
+            yield entry
+
+
+def _in_plane(
+    entries: Iterator[ListedPosition] | Sequence[ListedPosition], plane: str
+) -> Iterator[ListedPosition]:
+    """Convert positions from east and north in a coordinate system."""
+    listed = list(entries)
+    found = latlon_from_plane(plane, [tuple(entry.position) for entry in listed])
+    for entry, (lat, lon) in zip(listed, found.tolist(), strict=True):
+        if not math.isfinite(lat):
+            raise TableError(f"the position is outside {plane[:40]}", where=entry.where)
+        yield ListedPosition(entry.name, latlon(lat, lon, where=entry.where), entry.heading_deg, entry.where)
+
+
+def _angle(text: str) -> float | None:
+    """Parse a number, or degrees with minutes and seconds such as `50 deg 5' 12.3" N`; None if invalid."""
+    found = _ANGLE.fullmatch(text.strip()) if len(text) <= _LONGEST_ANGLE else None
+    if found is None or (found[1] and found[5]):
+        return None
+    degrees, minutes, seconds = (float(part or 0.0) for part in found.group(2, 3, 4))
+    value = abs(degrees) + minutes / 60 + seconds / 3600
+    is_negative = found[2].startswith("-") != ((found[1] or found[5]).upper() in ("S", "W"))
+    return -value if is_negative else value
+
+
+def checked_heading(heading: float, where: str) -> float:
+    """Return a heading from 0 to 360 degrees. Raises TableError."""
+    if not -360.0 <= heading <= 360.0:
+        raise TableError(f"the heading {heading:g} is not from 0 to 360", where=where)
+    return heading % 360.0
+
+
+def latlon(lat: float, lon: float, *, where: str) -> LatLon:
+    """Return a position that is on the Earth. Raises TableError."""
+    position = LatLon(lat, lon)
+    try:
+        check_positions([position])
+    except GeoreferenceError as error:
+        raise TableError(error.message, where=where, hint=error.hint) from error
+    return position

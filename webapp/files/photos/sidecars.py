@@ -1,0 +1,216 @@
+"""Files beside photos that say where these were taken: `.xmp` of photo programs, JSON of Google Takeout."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from webapp.errors import MapJsonError
+from webapp.files.decode import PHOTO_SUFFIXES
+from webapp.files.json_fields import parse_json
+from webapp.files.photos.exif import number
+from webapp.files.photos.exif_gps import Gps, read_gps
+from webapp.files.photos.photo import PhotoFacts
+from webapp.files.photos.xmp import MAX_BYTES, locate, parse_xmp
+
+SUFFIXES = frozenset({".xmp", ".json"})
+"""Suffixes of these files, in lower case."""
+
+_METADATA = ".supplemental-metadata"
+"""What Google puts between the photo's name and `.json`, often cut off."""
+
+_CUT_AT = 40
+"""Characters from which on a name in Google's export may have been cut off; the limit is 46."""
+
+_NUMBER = re.compile(r"(.*?)(\(\d{1,5}\))?")
+_EDITED = re.compile(
+    r"-(edited|bearbeitet|modifié|modifie|editado|editada|upraveno|upravené|modificato|bewerkt)$"
+)
+"""What Google adds to the names of edited photos, which have no JSON of their own."""
+
+_MOST_VALUES = 5000
+
+
+def is_sidecar(name: str) -> bool:
+    """Return whether a file may be one of these, by its suffix."""
+    return PurePosixPath(name).suffix.lower() in SUFFIXES
+
+
+class Sidecars:
+    """Files beside photos.
+
+    Args:
+        names: Paths with forward slashes of all files; others are ignored.
+    """
+
+    def __init__(self, names: Iterable[str]) -> None:
+        self._of_photo: dict[str, list[str]] = {}
+        listed = list(names)
+        photos = [name for name in listed if PurePosixPath(name).suffix.lower() in PHOTO_SUFFIXES]
+        by_folder: dict[str, list[str]] = {}
+        for name in listed:
+            if is_sidecar(name):
+                by_folder.setdefault(str(PurePosixPath(name).parent), []).append(name)
+        for photo in photos:
+            there = by_folder.get(str(PurePosixPath(photo).parent), [])
+            found = choose(photo, there)
+            if found:
+                self._of_photo[photo] = found
+        self._photo_of = {beside: photo for photo, found in self._of_photo.items() for beside in found}
+
+    def of(self, photo: str) -> Sequence[str]:
+        """Return the files beside a photo, in the order in which they count."""
+        return self._of_photo.get(photo, ())
+
+    def photo_of(self, name: str) -> str | None:
+        """Return the photo that a file belongs to."""
+        return self._photo_of.get(name)
+
+
+def choose(photo: str, names: Iterable[str]) -> list[str]:
+    """Return those of some files that belong to a photo, in the order in which they count: first `.xmp`."""
+    last = _plain(photo)
+    stem = last.rpartition(".")[0]
+    others = {_plain(name): name for name in names}
+    found = [others[name] for name in (f"{last}.xmp", f"{stem}.xmp") if name in others][:1]
+    jsons = {plain.removesuffix(".json"): name for plain, name in others.items() if plain.endswith(".json")}
+    google = next((name for plain, name in jsons.items() if _is_google_name(plain, last)), None)
+    if google is None and _EDITED.search(stem):
+        original = f"{_EDITED.sub('', stem)}.{last.rpartition('.')[2]}"
+        google = next((name for plain, name in jsons.items() if _is_google_name(plain, original)), None)
+    return [*found, *([google] if google else [])]
+
+
+def _plain(name: str) -> str:
+    return unicodedata.normalize("NFC", PurePosixPath(name).name).lower()
+
+
+def _is_google_name(base: str, photo: str) -> bool:
+    """Return whether a JSON, without its suffix, is that of a photo in an export of Google Photos.
+
+    For `a.jpg` it is `a.jpg`, `a.jpg.supplemental-metadata`, cut off anywhere, or `a`; the number of
+    `a(1).jpg` is at its end: `a.jpg(1)`, `a.jpg.supplemental-metadata(1)`. Long names are cut off.
+    """
+    stem, _, suffix = photo.rpartition(".")
+    if base in (photo, stem):
+        return True
+    written, of_json = _numbered(base)
+    plain_stem, of_photo = _numbered(stem)
+    if of_json != of_photo:
+        return False
+    whole = f"{plain_stem}.{suffix}"
+    if not f"{whole}{_METADATA}".startswith(written):
+        return False
+    return len(written) >= min(len(whole), _CUT_AT)
+
+
+def _numbered(name: str) -> tuple[str, str]:
+    found = _NUMBER.fullmatch(name)
+    return (name, "") if found is None else (found[1], found[2] or "")
+
+
+@dataclass(frozen=True, slots=True)
+class Sidecar:
+    """A file beside a photo."""
+
+    name: str
+    data: bytes | None  # None if it cannot be read
+
+
+def beside_photo(photo: str, files: Iterable[Sidecar]) -> list[Sidecar]:
+    """Return those of some files that belong to a photo, in the order in which they count."""
+    by_name = {one.name: one for one in files}
+    return [by_name[name] for name in choose(photo, by_name)]
+
+
+def read_sidecars(paths: Iterable[Path]) -> list[Sidecar]:
+    """Read files beside a photo, each up to the limit; links are not followed."""
+    return [Sidecar(path.name, None if path.is_symlink() else _content(path)) for path in paths]
+
+
+def _content(path: Path) -> bytes | None:
+    try:
+        with path.open("rb") as file:
+            return file.read(MAX_BYTES + 1)
+    except OSError:  # it is noted
+        return None
+
+
+def with_sidecars(facts: PhotoFacts, found: Iterable[Sidecar]) -> PhotoFacts:
+    """Complete the facts of a photo by the files beside it.
+
+    The position of an `.xmp` counts more than that in the photo, as people correct it there; that of Google's
+    JSON counts only without another one.
+    """
+    for one in found:
+        if one.data is None:
+            facts = _noted(facts, f"{one.name} cannot be read and was left out")
+        elif len(one.data) > MAX_BYTES:
+            facts = _noted(facts, f"{one.name} is too large for a file about a photo and was left out")
+        elif one.name.lower().endswith(".xmp"):
+            facts = _with_xmp(facts, one.name, one.data)
+        else:
+            facts = _with_google(facts, one.name, one.data)
+    return facts
+
+
+def _noted(facts: PhotoFacts, note: str) -> PhotoFacts:
+    return replace(facts, notes=(*facts.notes, note))
+
+
+def _with_xmp(facts: PhotoFacts, name: str, data: bytes) -> PhotoFacts:
+    xmp = parse_xmp(data)
+    if xmp.note is not None:
+        return _noted(facts, f"{name} is damaged and was left out")
+    there = locate({}, xmp)
+    if isinstance(there.gps, Gps):
+        facts = replace(facts, gps=replace(there.gps, source=name))
+    pitch = facts.pitch_deg if there.pitch_deg is None else there.pitch_deg
+    return replace(facts, heading=there.heading or facts.heading, pitch_deg=pitch)
+
+
+def _with_google(facts: PhotoFacts, name: str, data: bytes) -> PhotoFacts:
+    try:
+        content = parse_json(data, where=name, most_values=_MOST_VALUES).value
+    except MapJsonError:
+        return _noted(facts, f"{name} is damaged and was left out")
+    if not isinstance(content, dict):
+        return facts
+    if not isinstance(facts.gps, Gps):
+        for key in ("geoData", "geoDataExif"):
+            found = read_gps(_google_tags(content.get(key)))
+            if isinstance(found, Gps):
+                facts = replace(facts, gps=replace(found, source=name))
+                break
+    taken = content.get("photoTakenTime")
+    return replace(facts, taken_at=facts.taken_at or _google_time(taken if isinstance(taken, dict) else {}))
+
+
+def _google_tags(place: object) -> dict[int, object]:
+    """Return a position of Google as tags of the GPS IFD; 0, 0 means none."""
+    known: Mapping[str, Any] = place if isinstance(place, dict) else {}
+    lat, lon, height = (number(known.get(key)) for key in ("latitude", "longitude", "altitude"))
+    if lat is None or lon is None or (lat, lon) == (0.0, 0.0):
+        return {}
+    tags: dict[int, object] = {
+        1: "S" if lat < 0 else "N",
+        2: abs(lat),
+        3: "W" if lon < 0 else "E",
+        4: abs(lon),
+    }
+    return tags | ({6: height} if height else {})
+
+
+def _google_time(taken: Mapping[str, object]) -> str | None:
+    stamp = str(taken.get("timestamp", ""))
+    if not re.fullmatch(r"-?\d{1,11}", stamp):
+        return None
+    try:
+        return datetime.fromtimestamp(int(stamp), UTC).isoformat()
+    except (OverflowError, ValueError, OSError):
+        return None
