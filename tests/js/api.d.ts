@@ -1808,7 +1808,7 @@ export interface components {
         };
         ReadingIn: {
             /**
-             * @description Of a frame in TUM, KITTI or CSV; by default detected.
+             * @description Of a frame in TUM, KITTI and CSV; by default detected.
              * @default
              * @enum {string}
              */
@@ -2201,7 +2201,7 @@ export interface components {
         };
         StagedImportIn: {
             /**
-             * @description Of a frame in TUM, KITTI or CSV; by default detected.
+             * @description Of a frame in TUM, KITTI and CSV; by default detected.
              * @default
              * @enum {string}
              */
@@ -2428,7 +2428,7 @@ export interface components {
         };
         TrackFileIn: {
             /**
-             * @description Of a frame in TUM, KITTI or CSV; by default detected.
+             * @description Of a frame in TUM, KITTI and CSV; by default detected.
              * @default
              * @enum {string}
              */
@@ -2441,7 +2441,7 @@ export interface components {
             columns: string;
             /**
              * Format: binary
-             * @description A ROS 1 bag, ROS 2 bag (.db3, .mcap), GPX, TCX, KML, KMZ, GeoJSON, FIT, IGC, NMEA, TUM, KITTI or CSV.
+             * @description Of one of the formats that are recognised by their content.
              */
             file: string;
             /**

@@ -11,7 +11,7 @@ import pytest
 
 from webapp.errors import TrackError
 from webapp.files.exchange.times import unix_time
-from webapp.missions.files import fit, geojson_reader, igc, tcx
+from webapp.missions.files.readers import fit, geojson_reader, igc, tcx
 from webapp.missions.files.track_chunks import NO_TIME, UNTIMED, Findings, WorldObjects, WorldPiece
 
 FIT_EPOCH = 631_065_600

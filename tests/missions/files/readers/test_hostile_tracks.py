@@ -9,11 +9,12 @@ from lz4.frame import LZ4FrameDecompressor
 from benchmarks import hostile_files
 from webapp.errors import TrackError
 from webapp.files.gate import Budget
-from webapp.missions.files import bag_limits, guarded_reader, rosbag
-from webapp.missions.files.bag_limits import MAX_CHUNK, unpacked
+from webapp.missions.files import guarded_reader
+from webapp.missions.files.readers import bag_limits, rosbag
+from webapp.missions.files.readers.bag_limits import MAX_CHUNK, unpacked
 from webapp.missions.files.track_chunks import Findings
-from webapp.missions.files.track_format import kind_of
-from webapp.missions.files.track_reader import Selection
+from webapp.missions.files.track_format import Selection
+from webapp.missions.files.track_reader import kind_of
 from webapp.progress import Progress
 
 SMALL = Budget(memory_mb=300, cpu_s=5, wait_s=60)
@@ -128,7 +129,7 @@ def test_a_file_that_takes_too_much_memory_is_one_clear_error(saved):
 
 def test_the_head_of_an_xml_file_is_all_that_its_kind_takes(saved):
     data = hostile_files.gpx(2_000_000).replace(b"<trk>", b"<!-- " + b"x" * 2_000_000 + b" --><trk>")
-    assert kind_of(saved("a.gpx", data)) == "gpx"
+    assert kind_of(saved("a.gpx", data)).name == "gpx"
     with pytest.raises(TrackError, match="the XML is damaged"):
         kind_of(saved("b.gpx", b"<!-- " + b"x" * 2_000_000 + b" -->" + data))
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from webapp.errors import TrackError
-from webapp.missions.files import rosbag
+from webapp.missions.files.readers import rosbag
 from webapp.missions.files.track_chunks import Findings, RobotObjects, RobotPiece, WorldPiece
 
 KINDS = pytest.mark.parametrize(

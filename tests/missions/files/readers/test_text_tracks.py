@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from webapp.errors import TrackError
 from webapp.files.exchange.times import unix_time
-from webapp.missions.files import csv_reader, nmea, trajectory_text
+from webapp.missions.files.readers import csv_reader, nmea, trajectory_text
 from webapp.missions.files.track_chunks import (
     UNTIMED,
     Findings,

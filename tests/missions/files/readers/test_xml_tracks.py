@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from webapp.errors import TrackError
-from webapp.missions.files import gpx, kml_reader, line_buffer, track_chunks
-from webapp.missions.files.kml_reader import opened_kml
+from webapp.missions.files import track_chunks
+from webapp.missions.files.readers import gpx, kml_reader, line_buffer
+from webapp.missions.files.readers.kml_reader import opened_kml
 from webapp.missions.files.track_chunks import NO_TIME, UNTIMED_OBJECTS, Findings, WorldObjects, WorldPiece
 
 GPX = """<gpx xmlns="http://www.topografix.com/GPX/1/1"><metadata><time>2024-03-23T12:00:00Z</time></metadata>

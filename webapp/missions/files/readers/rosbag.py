@@ -8,9 +8,9 @@ left out. Frames are identified by name (`header.frame_id`, `child_frame_id`); t
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,8 +20,8 @@ from webapp.errors import ExpMapError, TrackError
 from webapp.extras import extra
 from webapp.missions.core.trajectory.records import make_poses
 from webapp.missions.core.trajectory.robotframe import LocalPoses
-from webapp.missions.files.bag_limits import limited_reader1, limited_reader2
-from webapp.missions.files.ros_messages import OBJECTS, PATH, POSES, TRANSFORMS, WORLD, RosPose
+from webapp.missions.files.readers.bag_limits import limited_reader1, limited_reader2
+from webapp.missions.files.readers.ros_messages import OBJECTS, PATH, POSES, TRANSFORMS, WORLD, RosPose
 from webapp.missions.files.track_chunks import (
     CHUNK,
     Findings,
@@ -31,6 +31,7 @@ from webapp.missions.files.track_chunks import (
     RobotPiece,
     WorldPiece,
 )
+from webapp.missions.files.track_format import Beginning, FormatAbout, Reader, Selection, TrackFormat
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -228,3 +229,63 @@ def _called(path: Path, suffix: str) -> Path:
 
     named: Path = type("Named", (type(path),), {"suffix": suffix})(path)
     return named
+
+
+def folder_kind(path: Path) -> TrackFormat:
+    """Return the format of a folder; raises TrackError if it is no bag."""
+    if (path / "metadata.yaml").is_file():
+        return _FOLDER
+    raise TrackError("the folder is not a ROS 2 bag", hint="it needs a metadata.yaml")
+
+
+def _starts(magic: bytes) -> Callable[[Beginning], bool]:
+    return lambda beginning: beginning.head.startswith(magic)
+
+
+def _reader(suffix: str) -> Reader:
+    def reader(path: Path, selection: Selection, findings: Findings) -> Iterator[Piece]:
+        yield from read(path, suffix=suffix, wanted=selection.topics, findings=findings)
+
+    return reader
+
+
+def _bag(name: str, title: str, *, suffix: str, magic: bytes, **rest: Any) -> TrackFormat:
+    return replace(
+        _FOLDER,
+        name=name,
+        title=title,
+        suffix=suffix,
+        endings=(suffix,),
+        is_one=_starts(magic),
+        read=_reader(suffix),
+        **{"about": _ROS2, "scratch": 0.0, **rest},
+    )
+
+
+_ROS1 = FormatAbout(
+    tracks="topics of `NavSatFix`, `Odometry`, `Pose`, `PoseStamped`, `PoseWithCovarianceStamped`, `Path`, "
+    "`TFMessage` ([which transforms](robots.md#frames-and-topics)); ROS is not needed",
+    objects="`Detection3DArray`, `MarkerArray`",
+    left_out="topics of other types",
+    written_by="`rosbag record`",
+)
+_ROS2 = FormatAbout("as of a ROS 1 bag", objects="as of a ROS 1 bag", written_by="`ros2 bag record`")
+_FOLDER = TrackFormat(
+    "ros2-folder",
+    "ROS 2 bag",
+    "ROS bags",
+    endings=(),
+    read=_reader(""),
+    about=replace(_ROS2, tracks="a folder with `metadata.yaml` (command only), as of a ROS 1 bag"),
+    needs="missions",
+    preload=("rosbags.highlevel", "rosbags.typesys", "rosbags.typesys.stores.ros2_humble"),
+    suffix="",
+    scratch=None,  # its files may be compressed
+)
+FORMATS = (
+    _bag("ros1", "ROS 1 bag", suffix=".bag", magic=b"#ROSBAG V", about=_ROS1),
+    # SQLite sorts in a temporary file, of at most twice the size
+    _bag("ros2-sqlite", "ROS 2 bag (SQLite)", suffix=".db3", magic=b"SQLite format 3\0", scratch=2.0),
+    _bag("ros2-mcap", "ROS 2 bag (MCAP)", suffix=".mcap", magic=b"\x89MCAP0\r\n", called="MCAP"),
+    _FOLDER,
+)

@@ -16,7 +16,7 @@ from webapp.core.geo.types import LatLon
 from webapp.errors import TrackError
 from webapp.files.exchange.times import unix_time
 from webapp.missions.core.trajectory.records import SOURCES, Sighting, Source
-from webapp.missions.files.line_buffer import LineBuffer, LinePoint, mostly_timed
+from webapp.missions.files.readers.line_buffer import LineBuffer, LinePoint, mostly_timed
 from webapp.missions.files.track_chunks import (
     UNTIMED_OBJECTS,
     Findings,
@@ -24,6 +24,7 @@ from webapp.missions.files.track_chunks import (
     WorldObjects,
     object_field,
 )
+from webapp.missions.files.track_format import FormatAbout, TrackFormat, opened
 
 MAX_BYTES = 20_000_000
 """Maximum file size: a file is parsed at once, and takes many times its size in memory."""
@@ -262,3 +263,21 @@ def _time(value: Any) -> float:
         return unix_time(value)
     number = _number(value)
     return number / 1000.0 if abs(number) >= _MS_FROM else number
+
+
+FORMAT = TrackFormat(
+    "geojson",
+    "GeoJSON",
+    "GeoJSON",
+    endings=(".geojson", ".json"),
+    is_one=lambda beginning: beginning.is_json,
+    read=opened(lambda file, _, findings: read(file, findings=findings)),
+    numbered="point",
+    about=FormatAbout(
+        tracks="lines, with times in `coordinateProperties`, `coordTimes` or `times`; points with a time; "
+        f"up to {MAX_BYTES // 10**6} MB",
+        objects="other points",
+        left_out="areas",
+        written_by="QGIS, web maps, this program",
+    ),
+)

@@ -11,7 +11,8 @@ detected where the motion shows them (`webapp.missions.core.trajectory.axes`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import islice
 from typing import BinaryIO, Literal
 
@@ -22,6 +23,7 @@ from webapp.errors import TrackError
 from webapp.files.exchange import tum
 from webapp.missions.core.trajectory.axes import Axes, Frames, detect_frames, rotations_of, to_robot
 from webapp.missions.files.track_chunks import CHUNK, Findings, RobotPiece
+from webapp.missions.files.track_format import FormatAbout, Selection, TrackFormat, opened
 
 Layout = Literal["tum", "kitti"]
 
@@ -97,3 +99,32 @@ def _piece(layout: Layout, rows: NDArray[np.float64], given: int, *, frames: Fra
     times = rows[:, 0] if layout == "tum" else (given + np.arange(len(rows))) / _KITTI_HZ
     local = to_robot(times, xyz, rotation=rotation, frames=frames)
     return RobotPiece("", "odometry", "", "", local, layout == "tum")
+
+
+def _reader(layout: Layout) -> Callable[[BinaryIO, Selection, Findings], Iterator[RobotPiece]]:
+    return lambda file, selection, findings: read(file, layout, findings=findings, axes=selection.axes)
+
+
+_TUM = TrackFormat(
+    "tum",
+    "TUM trajectory",
+    "TUM",
+    endings=(".tum", ".txt"),
+    is_one=lambda beginning: layout_of(beginning.content) == "tum",
+    read=opened(_reader("tum")),
+    has_axes=True,
+    about=FormatAbout(
+        tracks="the poses; [axes](#axes) are detected", written_by="SLAM programs, ORB-SLAM, evo"
+    ),
+)
+_KITTI = replace(
+    _TUM,
+    name="kitti",
+    title="KITTI trajectory",
+    called="KITTI",
+    endings=(".kitti", ".txt"),
+    is_one=lambda beginning: layout_of(beginning.content) == "kitti",
+    read=opened(_reader("kitti")),
+    about=replace(_TUM.about, tracks="the poses, without times: ten a second; [axes](#axes) are detected"),
+)
+FORMATS = (_TUM, _KITTI)

@@ -15,7 +15,7 @@ import zlib
 from array import array
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, BinaryIO, cast
 from xml.etree.ElementTree import Element
@@ -29,8 +29,9 @@ from webapp.files.exchange.times import unix_time
 from webapp.files.exchange.xml import child_text, local_name, number, walk
 from webapp.files.exchange.zip_directory import has_many_files
 from webapp.missions.core.trajectory.records import Sighting
-from webapp.missions.files.line_buffer import LineBuffer, LinePoint, mostly_timed
+from webapp.missions.files.readers.line_buffer import LineBuffer, LinePoint, mostly_timed
 from webapp.missions.files.track_chunks import CHUNK, UNTIMED_OBJECTS, Findings, Piece, WorldObjects
+from webapp.missions.files.track_format import Beginning, FormatAbout, Selection, TrackFormat, opened
 
 MAX_LINES = 100
 """A KML with more lines is a drawing, not a recorded track."""
@@ -243,3 +244,47 @@ class _CheckedEntry(io.RawIOBase):
             raise TrackError(f"the zip is damaged: {str(error)[:200]}") from error
         buffer[: len(data)] = data
         return len(data)
+
+
+def _is_kmz(beginning: Beginning) -> bool:
+    """Tell by the first bytes; every zip counts as a KMZ, and one without a KML is refused."""
+    if not beginning.head.startswith(b"PK\x03\x04"):
+        return False
+    if not zipfile.is_zipfile(beginning.path):
+        raise TrackError("the zip is damaged or cut off")
+    with opened_kml(beginning.path):
+        return True
+
+
+def _read_kmz(path: Path, selection: Selection, findings: Findings) -> Iterator[Piece]:
+    with opened_kml(path) as packed:
+        yield from read(packed, findings=findings, tracks=selection.topics)
+
+
+_KML = TrackFormat(
+    "kml",
+    "KML",
+    "KML",
+    endings=(".kml",),
+    roots=frozenset({"kml", "Document", "Folder", "Placemark", "NetworkLink"}),
+    read=opened(lambda file, selection, findings: read(file, findings=findings, tracks=selection.topics)),
+    numbered="placemark",
+    about=FormatAbout(
+        tracks=f"`gx:Track`, `gx:MultiTrack`, `LineString`; at most {MAX_LINES} lines, unless some are named",
+        objects="points",
+        left_out="areas, models, images; network links are not followed",
+        written_by="Google Earth, loggers, drone planners",
+    ),
+)
+_KMZ = replace(
+    _KML,
+    name="kmz",
+    title="KMZ",
+    called="KMZ",
+    endings=(".kmz", ".zip"),
+    is_one=_is_kmz,
+    roots=frozenset(),
+    read=_read_kmz,
+    about=replace(_KML.about, tracks="as KML: its `doc.kml`, or else the first one"),
+)
+FORMATS = (_KML, _KMZ)

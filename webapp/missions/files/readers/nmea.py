@@ -25,6 +25,7 @@ from webapp.missions.files.track_chunks import (
     WorldObjects,
     WorldPiece,
 )
+from webapp.missions.files.track_format import FormatAbout, TrackFormat, opened
 
 _USED = {"RMC", "GGA", "GLL", "GST", "ZDA", "WPL"}
 _BROKEN = (ValueError, TypeError, AttributeError, IndexError, KeyError)
@@ -217,3 +218,21 @@ def _piece(rows: list[tuple[float, ...]]) -> WorldPiece:
         "gps",
         make_poses(times, latlon, height_m=height, heading_deg=heading, covariance_m2=covariance),
     )
+
+
+FORMAT = TrackFormat(
+    "nmea",
+    "NMEA 0183",
+    "NMEA",
+    endings=(".nmea", ".nma", ".log"),
+    is_one=lambda beginning: any(map(is_sentence, beginning.lines)),
+    read=opened(lambda file, _, findings: read(file, findings=findings)),
+    needs="missions",
+    numbered="waypoint",
+    about=FormatAbout(
+        tracks="RMC, GGA, GLL, with ZDA for the date and GST for the accuracy",
+        objects="WPL",
+        left_out="other sentences, fixes that the receiver marks as invalid",
+        written_by="GPS receivers, chart plotters",
+    ),
+)

@@ -14,8 +14,9 @@ from typing import Any, BinaryIO
 
 from webapp.errors import TrackError
 from webapp.extras import extra
-from webapp.missions.files.line_buffer import LineBuffer, LinePoint, mostly_timed
+from webapp.missions.files.readers.line_buffer import LineBuffer, LinePoint, mostly_timed
 from webapp.missions.files.track_chunks import Findings, Piece
+from webapp.missions.files.track_format import FormatAbout, TrackFormat, opened
 
 MAX_BYTES = 50_000_000
 """Maximum file size: all records are held in memory; a day of cycling takes a few megabytes."""
@@ -106,3 +107,20 @@ def _time(message: Any) -> float:
     if not isinstance(value, datetime):
         return math.nan
     return value.replace(tzinfo=value.tzinfo or UTC).timestamp()
+
+
+FORMAT = TrackFormat(
+    "fit",
+    "FIT",
+    "FIT",
+    endings=(".fit",),
+    is_one=lambda beginning: is_fit(beginning.head),
+    read=opened(lambda file, _, findings: read(file, findings=findings)),
+    needs="missions",
+    preload=("fitdecode",),
+    about=FormatAbout(
+        tracks=f"the records of an activity or a course; up to {MAX_BYTES // 10**6} MB",
+        left_out="course points, saved places, heart rate",
+        written_by="watches and bicycle computers of Garmin, Wahoo, Coros, Suunto",
+    ),
+)
