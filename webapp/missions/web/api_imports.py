@@ -96,8 +96,9 @@ def limit_parts() -> None:
 @blueprint.input(TrackFileIn, location="form_and_files", arg_name="given")
 @blueprint.output(TrackJobOut, status_code=202)
 @blueprint.doc(
-    description=f"The kind of the file is detected from its content: {listed()}. A file without a track is refused at "
-    "once, other errors fail the job. The same file again, read in the same way, stores nothing twice."
+    description=f"The kind of the file is detected from its content: {listed()}. A file without a track is "
+    "refused at once, other errors fail the job. The same file again, read in the same way, stores nothing "
+    "twice."
 )
 def import_file(mission_id: int, given: dict[str, Any]) -> dict[str, int]:
     """Import a file with tracks and objects."""

@@ -19,7 +19,15 @@ from webapp.errors import UsageError
 from webapp.missions.core.trajectory.axes import Axes, Frames, detect_frames, rotations_of, to_robot
 from webapp.missions.core.trajectory.records import Sighting, make_poses
 from webapp.missions.core.trajectory.robotframe import LocalPoses
-from webapp.missions.files.readers.csv_table import Key, Table, date_order, open_table, table_rows, time_name
+from webapp.missions.files.readers.csv_table import (
+    Key,
+    Table,
+    date_order,
+    open_table,
+    table_rows,
+    time_name,
+    with_marks,
+)
 from webapp.missions.files.readers.line_buffer import is_mostly_timed
 from webapp.missions.files.track_chunks import (
     BAD_COVARIANCE,
@@ -67,7 +75,9 @@ def read(
         TrackError: The table is empty, or its columns are not recognized.
         UsageError: `columns` does not fit the table, or its time column holds no times.
     """
-    table = open_table(file, columns)
+    table = with_marks(file, open_table(file, columns))
+    for remark in table.remarks:
+        findings.note(remark)
     rows = _Rows(table, _survey(file, table, columns, axes=axes, findings=findings))
     for where, fields in table_rows(file, table):
         yield from rows.row(fields, where, findings=findings)

@@ -17,6 +17,7 @@ from webapp.errors import TrackError
 from webapp.files.exchange.times import unix_time
 from webapp.missions.core.trajectory.records import SOURCES, Sighting, Source
 from webapp.missions.files.readers.line_buffer import LineBuffer, LinePoint, mostly_timed
+from webapp.missions.files.readers.time_units import LAST_S, per_second
 from webapp.missions.files.track_chunks import (
     UNTIMED_OBJECTS,
     Findings,
@@ -34,8 +35,6 @@ _TIME_LISTS = ("times", "coordTimes", "timestamps")
 _TIMES = ("time", "timestamp", "datetime", "date_time")
 _AREAS = {"Polygon", "MultiPolygon"}
 _OF_LINES = {"LineString", "MultiLineString"}
-_MS_FROM = 1e11
-"""Numbers from this size on are milliseconds since 1970."""
 
 
 def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
@@ -258,11 +257,12 @@ def _number(value: Any) -> float:
 
 
 def _time(value: Any) -> float:
-    """Parse a time: ISO 8601, or seconds or milliseconds since 1970."""
+    """Parse a time: ISO 8601, or a number since 1970."""
     if isinstance(value, str):
         return unix_time(value)
     number = _number(value)
-    return number / 1000.0 if abs(number) >= _MS_FROM else number
+    number /= per_second(number)
+    return number if abs(number) < LAST_S else math.nan
 
 
 FORMAT = TrackFormat(
