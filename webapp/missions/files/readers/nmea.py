@@ -1,22 +1,28 @@
 """NMEA 0183 logs of GPS receivers.
 
 Consecutive sentences with the same time of day form one fix: RMC has the date, position, speed and course,
-GGA position and height, GLL position, GST the accuracy. A fix without a date gets the one that puts it
-nearest to the previous fix. WPL is a waypoint.
+GGA and GNS position and height, GLL position, GST the accuracy. A fix without a date gets the one that puts
+it nearest to the previous fix. WPL is a waypoint. Two receivers in one log, which take turns, are told apart
+by their talkers (`GP`, `GN`).
 """
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, date, datetime, time, timedelta
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
-from webapp.core.geo.types import LatLon
-from webapp.extras import extra
 from webapp.files.text_file import numbered_lines
 from webapp.missions.core.trajectory.records import Sighting, make_poses
+from webapp.missions.files.readers.nmea_sentences import (
+    Sentence,
+    has_checksum,
+    is_sentence,
+    sentences,
+)
 from webapp.missions.files.track_chunks import (
     CHUNK,
     UNTIMED_OBJECTS,
@@ -27,9 +33,11 @@ from webapp.missions.files.track_chunks import (
 )
 from webapp.missions.files.track_format import FormatAbout, TrackFormat, opened
 
-_USED = {"RMC", "GGA", "GLL", "GST", "ZDA", "WPL"}
-_BROKEN = (ValueError, TypeError, AttributeError, IndexError, KeyError)
-"""Exceptions for fields that are not numbers, and for the library's own errors (subclasses of ValueError)."""
+_FIRST_YEAR = 1990
+"""Receivers that do not know the date yet begin in 1980."""
+
+_TURNS = 0.5
+"""Least share of changes of the talker for which a log has two receivers: one changes it rarely."""
 
 
 @dataclass(slots=True)
@@ -43,7 +51,14 @@ class _Fix:
     heading_deg: float = math.nan
     var_e: float = math.nan
     var_n: float = math.nan
-    valid: bool = True
+    bad: str = ""  # Why it is left out
+
+    def take(self, sentence: Sentence) -> None:
+        """Merge a sentence."""
+        self.bad = self.bad or sentence.bad
+        for name in ("lat", "lon", "height_m", "heading_deg", "var_e", "var_n"):
+            if not math.isnan(value := getattr(sentence, name)):
+                setattr(self, name, value)
 
 
 def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
@@ -52,50 +67,77 @@ def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
     Args:
         file: At its beginning; must be seekable.
     """
-    rows: list[tuple[float, ...]] = []
-    for row in _fixes(file, findings=findings):
-        if isinstance(row, Sighting):
-            yield WorldObjects((row,))
-            continue
-        rows.append(row)
-        if len(rows) == CHUNK:
-            yield _piece(rows)
-            rows = []
-    if rows:
-        yield _piece(rows)
-
-
-def is_sentence(line: str) -> bool:
-    """Return whether a line holds an NMEA sentence, possibly after a logger's own time stamp."""
-    _, dollar, body = line.partition("$")
-    return bool(dollar) and len(body) > 6 and body[:5].isalnum() and body[:5].isupper() and body[5] == ","
-
-
-def _fixes(file: BinaryIO, *, findings: Findings) -> Iterator[tuple[float, ...] | Sighting]:
-    calendar = _Calendar(_first_date(file))
-    file.seek(0)
-    fix: _Fix | None = None
+    survey = _survey(file)
+    if survey.talkers:
+        findings.note(f"the fixes of several receivers are separate: {', '.join(survey.talkers)}")
+    if survey.first is not None and survey.first.year < _FIRST_YEAR:
+        findings.note(f"the receiver did not know the date: times count from {survey.first.date()}")
+    logs: dict[str, _Log] = {}
     where = "line 1"
-    for where, message in _sentences(file, findings=findings):
-        if message.sentence_type == "WPL":
+    file.seek(0)
+    for where, sentence in sentences(file, checked=survey.checked, findings=findings):
+        if sentence.kind == "WPL":
             findings.note(UNTIMED_OBJECTS)
-            yield _waypoint(message)
+            yield WorldObjects((_waypoint(sentence),))
             continue
-        if calendar.near is None:
+        if survey.first is None:
             findings.note("no sentence has a date: times count from 1970-01-01")
-        clock = message.timestamp
-        if not isinstance(clock, time):
-            findings.skip("sentences without a time", where=where)
-            continue
-        if fix is not None and fix.clock != clock:
-            yield from _finished(fix, calendar, findings=findings, where=where)
-            fix = None
-        calendar.near = _dated(message) or calendar.near
-        if message.sentence_type != "ZDA":
-            fix = fix or _Fix(clock)
-            _take(fix, message)
-    if fix is not None:
-        yield from _finished(fix, calendar, findings=findings, where=where)
+        name = sentence.talker if survey.talkers else ""
+        log = logs.setdefault(name, _Log(name, survey, _Calendar(survey.first)))
+        log.add(sentence, where, findings=findings)
+        yield from log.pieces(CHUNK)
+    for log in logs.values():
+        log.finish(where, findings=findings)
+        yield from log.pieces(1)
+
+
+@dataclass(frozen=True, slots=True)
+class _Survey:
+    """Properties of a whole log."""
+
+    first: datetime | None  # The first date, which also serves for the fixes before it
+    checked: bool  # Whether its sentences have checksums
+    talkers: tuple[str, ...]  # Of two or more receivers; empty for one
+
+
+def _survey(file: BinaryIO) -> _Survey:
+    checks = Counter(has_checksum(line) for _, line in numbered_lines(file) if is_sentence(line))
+    checked = checks[True] > checks[False]
+    file.seek(0)
+    moments: list[datetime] = []
+    turns = _Turns()
+    for _, sentence in sentences(file, checked=checked, findings=Findings()):
+        if (moment := sentence.moment) is not None and (not moments or moments[0].year < _FIRST_YEAR):
+            moments = [moment] if not moments or moment.year >= _FIRST_YEAR else moments
+        turns.add(sentence)
+    return _Survey(moments[0] if moments else None, checked, turns.talkers())
+
+
+@dataclass(slots=True)
+class _Turns:
+    """Counts how often the talker of each kind of sentences changes."""
+
+    last: dict[str, Sentence] = field(default_factory=dict)
+    counts: dict[str, Counter[str]] = field(default_factory=dict)
+    changes: Counter[str] = field(default_factory=Counter)
+
+    def add(self, sentence: Sentence) -> None:
+        if sentence.place is None or sentence.kind == "WPL":
+            return
+        before = self.last.get(sentence.kind, sentence)
+        self.last[sentence.kind] = sentence
+        self.counts.setdefault(sentence.kind, Counter())[sentence.talker] += 1
+        twice = before.clock == sentence.clock and before.place == sentence.place
+        self.changes[sentence.kind] += before.talker != sentence.talker and not twice
+
+    def talkers(self) -> tuple[str, ...]:
+        """Return the talkers of different receivers; none if there is one receiver."""
+        found: set[str] = set()
+        for kind, counts in self.counts.items():
+            fewest = min(counts.values())
+            if len(counts) > 1 and fewest > 1 and self.changes[kind] >= _TURNS * 2 * fewest:
+                found |= counts.keys()
+        return tuple(sorted(found))
 
 
 @dataclass(slots=True)
@@ -112,112 +154,67 @@ class _Calendar:
         return self.near.timestamp()
 
 
-def _finished(
-    fix: _Fix, calendar: _Calendar, *, findings: Findings, where: str
-) -> Iterator[tuple[float, ...]]:
-    when = calendar.unix_time(fix.clock)
-    if not fix.valid:
-        findings.skip("fixes marked invalid by the receiver", where=where)
-    elif math.isnan(fix.lat):
-        findings.skip("times without a position", where=where)
-    else:
-        yield (when, fix.lat, fix.lon, fix.height_m, fix.heading_deg, fix.var_e, fix.var_n)
+@dataclass(slots=True)
+class _Log:
+    """The fixes of a receiver."""
 
+    name: str
+    survey: _Survey
+    calendar: _Calendar
+    rows: list[tuple[float, ...]] = field(default_factory=list)
+    fix: _Fix | None = None
+    has_no_date: bool = False  # Whether the receiver does not know the date yet, unlike later
 
-def _take(fix: _Fix, message: Any) -> None:
-    """Merge a sentence into a fix."""
-    kind = message.sentence_type
-    if kind == "GST":
-        fix.var_e, fix.var_n = _squared(message.std_dev_longitude), _squared(message.std_dev_latitude)
-        return
-    fix.valid = fix.valid and (bool(message.gps_qual) if kind == "GGA" else message.status != "V")
-    if message.lat and message.lon:
-        fix.lat, fix.lon = float(message.latitude), float(message.longitude)
-    if kind == "GGA" and message.altitude is not None:
-        fix.height_m = float(message.altitude)
-    if kind == "RMC" and message.true_course is not None and (message.spd_over_grnd or 0.0) > 0.0:
-        fix.heading_deg = float(message.true_course)
+    def add(self, sentence: Sentence, where: str, *, findings: Findings) -> None:
+        if sentence.clock is None:
+            findings.skip("sentences without a time", where=where)
+            return
+        if self.fix is not None and self.fix.clock != sentence.clock:
+            self.finish(where, findings=findings)
+        moment, first = sentence.moment, self.survey.first
+        if moment is not None and first is not None:
+            self.has_no_date = moment.year < _FIRST_YEAR <= first.year
+            self.calendar.near = self.calendar.near if self.has_no_date else moment
+        if sentence.kind != "ZDA":
+            self.fix = self.fix or _Fix(sentence.clock)
+            self.fix.take(sentence)
 
-
-def _squared(deviation: float | None) -> float:
-    return math.nan if deviation is None else float(deviation) ** 2
-
-
-def _dated(message: Any) -> datetime | None:
-    """Return the date and time of a sentence, if it has a date."""
-    clock: time = message.timestamp
-    if message.sentence_type == "RMC" and isinstance(message.datestamp, date):
-        return datetime.combine(message.datestamp, clock, tzinfo=UTC)
-    if message.sentence_type == "ZDA" and message.year:
-        return datetime.combine(date(message.year, message.month, message.day), clock, tzinfo=UTC)
-    return None
-
-
-def _sentences(file: BinaryIO, *, findings: Findings) -> Iterator[tuple[str, Any]]:
-    with extra("missions"):
-        import pynmea2
-    for number, line in numbered_lines(file):
-        where = f"line {number}"
-        if not is_sentence(line):
-            findings.skip("lines that are no NMEA sentences", where=where, count=int(bool(line.strip())))
-            continue
-        sentence = line[line.index("$") :].strip()
-        if sentence[3:6] not in _USED:
-            continue
-        try:
-            message = pynmea2.parse(sentence, check="*" in sentence)
-            _understood(message)
-        except pynmea2.ChecksumError:
-            findings.skip("sentences with a wrong checksum", where=where)
-        except _BROKEN:
-            findings.skip("sentences that cannot be read", where=where)
+    def finish(self, where: str, *, findings: Findings) -> None:
+        """Add the current fix, if any, to the rows."""
+        fix, self.fix = self.fix, None
+        if fix is None:
+            return
+        if self.has_no_date:
+            findings.skip("fixes from before the receiver knew the date", where=where)
+            return
+        when = self.calendar.unix_time(fix.clock)
+        if fix.bad:
+            findings.skip(fix.bad, where=where)
+        elif math.isnan(fix.lat):
+            findings.skip("times without a position", where=where)
         else:
-            yield where, message
+            place = (fix.lat, fix.lon, fix.height_m)
+            self.rows.append((when, *place, fix.heading_deg, fix.var_e, fix.var_n))
+
+    def pieces(self, least: int) -> Iterator[WorldPiece]:
+        """Yield the rows, if there are at least so many."""
+        if len(self.rows) >= least:
+            rows, self.rows = self.rows, []
+            yield _piece(self.name, rows)
 
 
-def _waypoint(message: Any) -> Sighting:
-    name = " ".join(message.waypoint_id.split())
-    at = LatLon(_degrees(message.lat, message.lat_dir), _degrees(message.lon, message.lon_dir))
-    return Sighting(f"waypoint {name}".strip(), "waypoint", 0.0, at)
+def _waypoint(sentence: Sentence) -> Sighting:
+    place = sentence.place
+    assert place is not None, "waypoints have positions"
+    return Sighting(f"waypoint {sentence.name}".strip(), "waypoint", 0.0, place)
 
 
-def _degrees(text: str, hemisphere: str) -> float:
-    """Convert an angle in degrees and minutes, `5005.100`, to degrees."""
-    whole = float(text) // 100.0
-    size = whole + (float(text) - 100.0 * whole) / 60.0
-    return -size if hemisphere in ("S", "W") else size
-
-
-def _understood(message: Any) -> None:
-    """Access every field that will be used, since the library parses fields, and raises, on access."""
-    if message.sentence_type == "WPL":
-        _waypoint(message)
-        return
-    if isinstance(message.timestamp, time):
-        _dated(message)
-    if message.sentence_type != "ZDA":
-        _take(_Fix(time()), message)
-
-
-def _first_date(file: BinaryIO) -> datetime | None:
-    """Find the first date, which also serves for the fixes before it."""
-    for _, message in _sentences(file, findings=Findings()):
-        clock = getattr(message, "timestamp", None)
-        found = _dated(message) if isinstance(clock, time) else None
-        if found is not None:
-            return found
-    return None
-
-
-def _piece(rows: list[tuple[float, ...]]) -> WorldPiece:
+def _piece(name: str, rows: list[tuple[float, ...]]) -> WorldPiece:
     times, lat, lon, height, heading, var_e, var_n = (list(column) for column in zip(*rows, strict=True))
     covariance = [(e, n, 0.0 if not math.isnan(e) else math.nan) for e, n in zip(var_e, var_n, strict=True)]
     latlon = list(zip(lat, lon, strict=True))
-    return WorldPiece(
-        "",
-        "gps",
-        make_poses(times, latlon, height_m=height, heading_deg=heading, covariance_m2=covariance),
-    )
+    poses = make_poses(times, latlon, height_m=height, heading_deg=heading, covariance_m2=covariance)
+    return WorldPiece(name, "gps", poses)
 
 
 FORMAT = TrackFormat(
@@ -227,12 +224,12 @@ FORMAT = TrackFormat(
     endings=(".nmea", ".nma", ".log"),
     is_one=lambda beginning: any(map(is_sentence, beginning.lines)),
     read=opened(lambda file, _, findings: read(file, findings=findings)),
-    needs="missions",
     numbered="waypoint",
     about=FormatAbout(
-        tracks="RMC, GGA, GLL, with ZDA for the date and GST for the accuracy",
+        tracks="RMC, GGA, GNS, GLL, with ZDA for the date and GST for the accuracy; one for each of several "
+        "receivers",
         objects="WPL",
-        left_out="other sentences, fixes that the receiver marks as invalid",
+        left_out="other sentences, those cut off, fixes marked as invalid, estimated or simulated",
         written_by="GPS receivers, chart plotters",
     ),
 )
