@@ -123,6 +123,8 @@ def import_track_file(
             given = order.options.start
             mission.start = {**given.position._asdict(), "heading_deg": given.heading_deg}
         stored = _stored(session, mission_id, key)
+        if ids.keys() != survey.tracks.keys():  # an older version imported it, and divided it otherwise
+            stored = max(stored, survey.parts)
     progress.size(survey.records)
     progress.note("storing")
     for first, group in _groups(_parts(order, progress, limits=limits), stored):
