@@ -18,7 +18,9 @@ from webapp.missions.files.track_chunks import Findings, Piece
 _HEAD = 4096
 _XML_HEAD = 1_000_000
 _LINES = 50
-_BEFORE_TEXT = b"\xef\xbb\xbf \t\r\n"
+_BEFORE_JSON = b"\xef\xbb\xbf \t\r\n\x1e"
+"""The last one begins each text of a sequence (RFC 8142)."""
+
 _BEFORE_XML = b"\xef\xbb\xbf\xff\xfe \t\r\n\0"
 
 
@@ -50,7 +52,7 @@ class Beginning:
 
     @property
     def is_json(self) -> bool:
-        return self.is_text and self.head.lstrip(_BEFORE_TEXT).startswith((b"{", b"["))
+        return self.is_text and self.head.lstrip(_BEFORE_JSON).startswith((b"{", b"["))
 
     @cached_property
     def root(self) -> str:

@@ -235,3 +235,62 @@ def test_odd_geometries_are_left_out(geometry: object) -> None:
     pieces, findings = read(geojson_reader.read, json.dumps({"type": "Feature", "geometry": geometry}))
     assert not pieces
     assert findings.skipped()
+
+
+CRS = [
+    {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::25833"}},
+    {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG:6.9:25833"}},
+    {"type": "name", "properties": {"name": "http://www.opengis.net/def/crs/EPSG/0/25833"}},
+    {"type": "name", "properties": {"name": "EPSG:25833"}},
+    {"type": "EPSG", "properties": {"code": 25833}},
+]
+
+
+@pytest.mark.parametrize("crs", CRS)
+def test_a_geojson_in_another_coordinate_system_is_transformed(crs: object) -> None:
+    line = {"type": "LineString", "coordinates": [[458000, 5550000, 200], [458010, 5550000]]}
+    one = {"type": "Feature", "geometry": line, "properties": {}}
+    collection = {"type": "FeatureCollection", "crs": crs, "features": [one]}
+    for document in (collection, {**one, "crs": crs}, {**line, "crs": crs}):
+        (piece,), findings = read(geojson_reader.read, json.dumps(document))
+        assert piece.poses.latlon[0] == pytest.approx([50.100770, 14.412727], abs=1e-6)
+        assert piece.poses.height_m[0] == 200.0
+        assert findings.notes[0] == "positions were transformed from EPSG:25833, ETRS89 / UTM zone 33N"
+
+
+def test_web_mercator_and_wgs84_by_name() -> None:
+    for name, x, y in (("urn:ogc:def:crs:EPSG::3857", 1603000.67, 6463000.0), ("OGC:CRS84", 14.4, 50.1)):
+        crs = {"type": "name", "properties": {"name": name}}
+        text = json.dumps({"type": "LineString", "coordinates": [[x, y]], "crs": crs})
+        (piece,), _ = read(geojson_reader.read, text)
+        assert piece.poses.latlon[0] == pytest.approx([50.1, 14.4], abs=0.01)
+
+
+@pytest.mark.parametrize(
+    "crs",
+    [
+        {"type": "link", "properties": {"href": "http://example.com/crs/42", "type": "proj4"}},
+        {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::999999"}},
+        {"type": "name", "properties": {"name": "+proj=utm +zone=33 +nadgrids=/etc/passwd"}},
+    ],
+)
+def test_an_unknown_coordinate_system_is_refused_by_name(crs: dict[str, dict[str, str]]) -> None:
+    text = json.dumps({"type": "Point", "coordinates": [1, 2], "crs": crs})
+    named = crs["properties"].get("name") or crs["properties"]["href"]
+    with pytest.raises(TrackError, match="coordinate system") as error:
+        read(geojson_reader.read, text)
+    assert named in error.value.message
+
+
+def test_a_sequence_of_features_is_read_to_where_it_was_cut() -> None:
+    features = [
+        json.dumps(feature("Point", [14, 50 + n], properties={"time": f"2026-05-01T10:00:0{n}Z"}))
+        for n in range(3)
+    ]
+    for text in ("\n".join(features), "".join(f"\x1e{one}\n" for one in features), " ".join(features)):
+        (piece,), findings = read(geojson_reader.read, text)
+        assert (len(piece.poses), piece.timed) == (3, True)
+        assert not findings.skipped()
+    (piece,), findings = read(geojson_reader.read, "\n".join(features)[:-5])
+    assert len(piece.poses) == 2
+    assert [one.reason for one in findings.skipped()] == ["features that are cut off"]
