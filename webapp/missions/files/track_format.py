@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import codecs
 import io
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, cast
 
 from webapp.files.exchange.xml import local_name, walk
 from webapp.files.text_file import numbered_lines
@@ -60,7 +61,8 @@ class Beginning:
         if not self.is_xml:
             return ""
         with self.path.open("rb") as file:
-            beginning = io.BytesIO(file.read(_XML_HEAD))  # no endless comment, and no attribute of gigabytes
+            head = without_blanks(file).read(_XML_HEAD)
+        beginning = io.BytesIO(head)  # no endless comment, and no attribute of gigabytes
         _, root = next(walk(beginning, whole=()))
         return local_name(root)
 
@@ -121,6 +123,33 @@ def opened(read: Callable[[BinaryIO, Selection, Findings], Iterator[Piece]]) -> 
 
     def reader(path: Path, selection: Selection, findings: Findings) -> Iterator[Piece]:
         with path.open("rb") as file:
-            yield from read(file, selection, findings)
+            yield from read(without_blanks(file), selection, findings)
 
     return reader
+
+
+def without_blanks(file: BinaryIO) -> BinaryIO:
+    """Skip blanks before the declaration of an XML, which has to be first."""
+    head = file.read(_HEAD)
+    text = head.removeprefix(codecs.BOM_UTF8).lstrip(b" \t\r\n")
+    skipped = len(head) - len(text) if text.startswith(b"<?xml") else 0
+    file.seek(0)
+    return cast(BinaryIO, _Later(file, skipped)) if skipped else file
+
+
+class _Later(io.RawIOBase):
+    """A file from a later byte on."""
+
+    def __init__(self, file: BinaryIO, begin: int) -> None:
+        self._file, self._begin = file, begin
+        file.seek(begin)
+
+    def readable(self) -> bool:
+        return True
+
+    def read(self, size: int = -1) -> bytes:
+        return self._file.read(size)
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        at = self._file.seek(offset + self._begin if whence == io.SEEK_SET else offset, whence)
+        return at - self._begin

@@ -16,6 +16,7 @@ from webapp.missions.files.readers import (
     kml_reader,
     nmea,
     rosbag,
+    rtklib,
     tcx,
     trajectory_text,
 )
@@ -33,6 +34,7 @@ FORMATS: dict[str, TrackFormat] = {
         fit.FORMAT,
         igc.FORMAT,
         nmea.FORMAT,
+        rtklib.FORMAT,
         *trajectory_text.FORMATS,
         csv_reader.FORMAT,
     )

@@ -29,7 +29,8 @@ _HALF_DAY_S = 43_200.0
 
 def is_igc(lines: list[str]) -> bool:
     """Return whether the first lines of a text are those of an IGC file."""
-    return bool(lines) and lines[0][:1] == "A" and any(_DATE.match(line) for line in lines)
+    has_records = (lines[:1] and lines[0][:1] == "A") or any(_FIX.fullmatch(line.strip()) for line in lines)
+    return bool(has_records) and any(_DATE.match(line) for line in lines)
 
 
 def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
