@@ -8,6 +8,7 @@ from pathlib import Path
 
 from webapp.errors import TrackError
 from webapp.missions.files.readers import (
+    ardupilot,
     csv_reader,
     fit,
     geojson_reader,
@@ -19,6 +20,7 @@ from webapp.missions.files.readers import (
     rtklib,
     tcx,
     trajectory_text,
+    ulog,
 )
 from webapp.missions.files.track_chunks import Findings, Piece
 from webapp.missions.files.track_format import Beginning, Selection, TrackFormat
@@ -32,6 +34,8 @@ FORMATS: dict[str, TrackFormat] = {
         *kml_reader.FORMATS,
         geojson_reader.FORMAT,
         fit.FORMAT,
+        ulog.FORMAT,
+        *ardupilot.FORMATS,
         igc.FORMAT,
         nmea.FORMAT,
         rtklib.FORMAT,

@@ -53,6 +53,10 @@ def saved(tmp_path):
         ("kmz", HUGE, "claims to hold"),
         ("fit", 9_000_000, "messages without content"),
         ("nested", 1_000_000, "nested more than"),
+        ("ulog nested", 0, "nested more than"),
+        ("ulog empty", HUGE, "messages without content"),
+        ("dataflash", HUGE, "damaged at more than"),
+        ("tlog", HUGE, "damaged at more than"),
     ],
 )
 def test_bombs_are_refused_at_once(saved, kind, size, message):
