@@ -8,6 +8,7 @@ import pytest
 from webapp.errors import TrackError, UsageError
 from webapp.files.exchange.times import unix_time
 from webapp.missions.files.readers import csv_reader, geojson_reader, trajectory_text
+from webapp.missions.files.readers.csv_table import table_head
 from webapp.missions.files.track_chunks import Findings
 
 START = unix_time("2026-05-01T10:00:00Z")
@@ -149,6 +150,23 @@ def test_marks_of_numbers_are_decided_by_whole_columns(rows, heights):
     assert piece.poses.latlon[0].tolist() == [50.1, 14.4]
     grouped = "1.2" in rows[0] or "1,2" in rows[0]
     assert any("separate thousands" in note for note in findings.notes) == (grouped and heights[0] > 1000)
+
+
+@pytest.mark.parametrize("line", ["sep=;", '"sep=;"', "SEP=;"])
+def test_the_line_of_excel_is_no_header(tmp_path, line):
+    path = tmp_path / "a.csv"
+    path.write_text(f"{line}\nlat;lon\n50,5;14,5\n")
+    assert table_head(path, None).columns == {"lat": 0, "lon": 1}
+    path.write_text(f"{line}\na;b\n50,5;14,5\n")
+    head = table_head(path, None)
+    assert (head.header, head.rows) == (("a", "b"), (("50,5", "14,5"),))
+    assert table_head(path, "lat=a, lon=b").columns == {"lat": 0, "lon": 1}
+
+
+def test_commas_may_separate_thousands_in_quotes():
+    piece, findings = read('lat,lon,height\n50.1,14.4,"1,234"\n50.1,14.4,"1,235.5"\n')
+    assert piece.poses.height_m.tolist() == [1234.0, 1235.5]
+    assert findings.notes[0].startswith("commas in height separate thousands")
 
 
 def test_decimal_commas_may_be_quoted():

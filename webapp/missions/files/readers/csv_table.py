@@ -27,7 +27,7 @@ _EXCEL_EPOCH_S = -2_209_161_600.0
 """1899-12-30, the epoch of days in spreadsheets."""
 
 _DEGREES = re.compile(r"\s*deg(?:rees?)?\b\.?", re.IGNORECASE)
-_SEPARATOR = re.compile(r"sep=(.)", re.IGNORECASE)
+_SEPARATOR = re.compile(r"\"?sep=(.)\"?", re.IGNORECASE)
 _FIRST_S = 1e8
 """1973: frame numbers below this, as nanoseconds, are not times."""
 _NANO = 1e-9
@@ -132,7 +132,7 @@ def open_table(file: BinaryIO, columns: str | None) -> Table:
     given = ""
     first: tuple[int, str] | None = None
     for number, line in numbered_lines(file):
-        separator = _SEPARATOR.fullmatch(line.strip(" \r"))
+        separator = _SEPARATOR.fullmatch(line)
         if separator is not None and not given:  # Excel's own line
             given = separator[1]
         elif line.lstrip().startswith("#"):
@@ -148,7 +148,7 @@ def open_table(file: BinaryIO, columns: str | None) -> Table:
     if columns:
         return table
     rows = [cells for _, cells in islice(table_rows(file, table), _TRIED)]
-    chosen, said = choose_times(table.header, table.columns, rows)
+    chosen, said = choose_times(table.header, table.columns, rows=rows)
     return replace(table, columns=chosen, remarks=(*table.remarks, *said))
 
 
@@ -229,11 +229,14 @@ def table_head(path: Path, columns: str | None) -> TableHead:
             table = open_table(file, columns)
         except TrackError as error:
             file.seek(0)
-            first = next((line for _, line in numbered_lines(file) if line.strip()), None)
+            lines = (line for _, line in numbered_lines(file) if line.strip())
+            first = next(lines, None)
             if first is None:
                 raise
             problem = str(error)
-            table = Table({}, delimiter_of(first) or ",", 0)
+            separator = _SEPARATOR.fullmatch(first)
+            delimiter = separator[1] if separator else delimiter_of(first) or ","
+            table = Table({}, delimiter, int(separator is not None))
         rows = tuple(tuple(cells) for _, cells in islice(table_rows(file, table), _SHOWN))
         if problem and rows:
             table, rows = replace(table, header=rows[0]), rows[1:]

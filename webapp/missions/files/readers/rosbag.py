@@ -237,8 +237,8 @@ def _opened(path: Path, suffix: str) -> Iterator[AnyReader]:
         # message definitions are in the bag, except in ROS 2 bags in SQLite from before 2023
         named = _called(path, suffix)
         bag = AnyReader([named], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
-        limited = limited_reader2 if bag.is2 else limited_reader1
-        bag.readers = [limited(named, used={*POSES, *OBJECTS})]
+        used = {*POSES, *OBJECTS}
+        bag.readers = [limited_reader2(named, used=used)] if bag.is2 else [limited_reader1(named, used=used)]
         bag.open()
     try:
         yield bag

@@ -41,10 +41,17 @@ class _Layout:
         row = [float(word) for word in rest]
         if row[self.columns["q"]] == _NO_SOLUTION:
             return None
-        place = [_degrees(row[self.columns[name] :][: self._width(name)]) for name in _PLACES[:2]]
+        lat, lon = (_degrees(row[self.columns[name] :][: self._width(name)]) for name in _PLACES[:2])
         north, east, both = (self._deviation(row, name) for name in ("sdn", "sde", "sdne"))
-        spread = (east**2, north**2, math.copysign(both**2, both))
-        return LinePoint(time_s, *place, row[self.columns["height"]], math.nan, *spread)
+        return LinePoint(
+            time_s,
+            lat,
+            lon,
+            row[self.columns["height"]],
+            var_e=east**2,
+            var_n=north**2,
+            cov_en=math.copysign(both**2, both),
+        )
 
     def _time(self, words: list[str]) -> tuple[float, list[str]]:
         if "/" in words[0]:

@@ -42,7 +42,7 @@ class _Candidate:
 
 
 def choose_times(
-    header: Sequence[str], columns: Columns, rows: Sequence[Sequence[str]]
+    header: Sequence[str], columns: Columns, *, rows: Sequence[Sequence[str]]
 ) -> tuple[Columns, list[str]]:
     """Choose among several columns for times and dates.
 
