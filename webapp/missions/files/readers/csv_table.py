@@ -19,7 +19,7 @@ from webapp.files.text_file import cell_text, delimiter_of, numbered_lines, spli
 from webapp.missions.core.trajectory.records import SOURCES, Source
 from webapp.missions.files.readers.number_marks import NumberMarks, find_marks
 from webapp.missions.files.readers.table_times import choose_times, plain_moment
-from webapp.missions.files.readers.time_units import LAST_S, per_second
+from webapp.missions.files.readers.time_units import LAST_S, ticks
 from webapp.missions.files.track_chunks import Findings
 
 _HEMISPHERES = {"lat": "NS", "lon": "EW"}
@@ -65,7 +65,7 @@ class Table:
         text = self.marks.plain(text, name)
         scale = self.columns[name].scale
         if name in _HEMISPHERES:
-            text = _DEGREES.sub("°", text)
+            text = _DEGREES.sub("°", text) if "e" in text else text
             value = self.signed(angle(text, scale=scale, hemispheres=_HEMISPHERES[name]), fields, name=name)
         else:
             value = _quantity(text, scale=scale, field=name)
@@ -103,7 +103,7 @@ class Table:
             return _EXCEL_EPOCH_S + value
         if self.has_frame_numbers and value * _NANO < _FIRST_S:
             return math.nan
-        return value / per_second(value) if column.scale == 1.0 else value
+        return value / ticks(value) if column.scale == 1.0 else value
 
     @property
     def has_frame_numbers(self) -> bool:

@@ -19,7 +19,7 @@ from webapp.errors import GeoreferenceError, TrackError
 from webapp.files.exchange.times import unix_time
 from webapp.missions.core.trajectory.records import SOURCES, Sighting, Source
 from webapp.missions.files.readers.line_buffer import LineBuffer, LinePoint, mostly_timed
-from webapp.missions.files.readers.time_units import LAST_S, per_second
+from webapp.missions.files.readers.time_units import LAST_S, ticks
 from webapp.missions.files.track_chunks import (
     UNTIMED_OBJECTS,
     Findings,
@@ -327,7 +327,7 @@ def _time(value: Any) -> float:
     if isinstance(value, str):
         return unix_time(value)
     number = _number(value)
-    number /= per_second(number)
+    number /= ticks(number)
     return number if abs(number) < LAST_S else math.nan
 
 

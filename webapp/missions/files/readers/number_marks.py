@@ -64,7 +64,9 @@ class NumberMarks:
         mark = self.decimal.get(name)
         if mark is None:
             return text.replace(",", ".") if "," in text and "." not in text else text
-        return _BLANKS.sub("", text).replace(_OTHER[mark], "").replace(mark, ".")
+        if not text.isascii() or " " in text or "'" in text:
+            text = _BLANKS.sub("", text)
+        return text.replace(_OTHER[mark], "").replace(mark, ".")
 
 
 def find_marks(rows: Iterable[Mapping[str, str]], *, angles: Sequence[str], usual: str) -> NumberMarks:

@@ -12,7 +12,7 @@ from enum import IntEnum
 from webapp.core.columns import Column, Columns, candidates, unit_word
 from webapp.files.exchange.cells import moment, quantity, seconds_of_day, split_datetime
 from webapp.files.exchange.times import unix_time
-from webapp.missions.files.readers.time_units import per_second
+from webapp.missions.files.readers.time_units import ticks
 
 _ABSOLUTE_S = 1e8
 """1973: smaller numbers count from another moment, such as the start of the recording."""
@@ -79,7 +79,7 @@ def choose_times(
 
 def plain_moment(text: str) -> str:
     """Write the date of a time as in Exif, `2026:05:01 10:00:00`, with hyphens."""
-    return _EXIF_DATE.sub(r"\1-\2-\3", text, count=1)
+    return _EXIF_DATE.sub(r"\1-\2-\3", text, count=1) if text[4:5] == ":" else text
 
 
 def _holds(column: Column, rows: Sequence[Sequence[str]], *, has_date: bool) -> _Holds:
@@ -100,5 +100,5 @@ def _kind(cell: str, scale: float, *, has_date: bool) -> _Holds:
     value = quantity(number, scale=scale, units={}) if not unit or unit_word(unit) else math.nan
     if math.isnan(value):
         return _Holds.NOTHING
-    value = value / per_second(value) if scale == 1.0 else value
+    value = value / ticks(value) if scale == 1.0 else value
     return _Holds.MOMENTS if abs(value) >= _ABSOLUTE_S else _Holds.RELATIVE
