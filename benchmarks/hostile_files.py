@@ -142,6 +142,21 @@ def fit(messages: int) -> bytes:
     return head + body + struct.pack("<H", _fit_crc(head + body))
 
 
+def ulog(kind: bytes, *messages: bytes) -> bytes:
+    """Make a ULog of messages of one kind, and a subscription to positions."""
+    add = (b"A", b"\0\0\0vehicle_gps_position")
+    parts = [
+        struct.pack("<H", len(data)) + code + data for code, data in [*((kind, m) for m in messages), add]
+    ]
+    return b"ULog\x01\x12\x35\x01" + bytes(8) + b"".join(parts)
+
+
+def tlog(garbage: int) -> bytes:
+    """Make a telemetry log of two packets and bytes that are none."""
+    packet = (1_777_629_600_000_000).to_bytes(8, "big") + b"\xfe\0\0\1\1\0\0\0"
+    return packet * 2 + b"\xfe" * garbage
+
+
 def gpx(attribute: int) -> bytes:
     """Make a GPX with one huge attribute."""
     return b'<gpx version="1.1"><trk><trkseg a="' + b"x" * attribute + b'"/></trk></gpx>'
@@ -168,6 +183,13 @@ BOMBS: Mapping[str, Callable[[int], tuple[str, bytes]]] = {
     "blanks": lambda size: ("a.kml", kml(" " * min(size // 100, 3_000_000))),
     "positions": lambda size: ("a.kml", kml("1,1 " * min(size // 100, 900_000))),
     "fit": lambda size: ("a.fit", fit(min(size // 3000, 100_000))),
+    "ulog nested": lambda _size: ("a.ulg", ulog(b"F", b"vehicle_gps_position:a_t a;", b"a_t:a_t[9999] a;")),
+    "ulog empty": lambda size: ("a.ulg", ulog(b"I", *[b""] * min(size // 100, 1_000_000))),
+    "dataflash": lambda size: (
+        "a.bin",
+        b"\xa3\x95\x80" + bytes(86) + b"\xa3\x95\1" * min(size // 100, 3_000_000),
+    ),
+    "tlog": lambda size: ("a.tlog", tlog(min(size // 100, 5_000_000))),
     "attribute": lambda size: ("a.gpx", gpx(min(size // 100, 3_000_000))),
     "nested": lambda size: ("a.gpx", nested(min(size // 1000, 500_000))),
 }

@@ -17,7 +17,7 @@ from webapp.errors import MissingPart
 EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "learned": ("onnx", "onnxruntime"),
-        "missions": ("rosbags", "apsw", "lz4", "pynmea2", "fitdecode"),
+        "missions": ("rosbags", "apsw", "lz4", "fitdecode"),
         "geotiff": ("rasterio",),
         "sfm": ("pycolmap", "scipy"),
         "foxglove": ("foxglove",),
@@ -30,7 +30,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 _PURPOSE = {
     "learned": "features and matchers that are networks",
-    "missions": "ROS bags, NMEA and FIT logs",
+    "missions": "ROS bags and FIT logs",
     "geotiff": "TIFF images",
     "sfm": "reconstructions from photos",
     "foxglove": "views in Foxglove",

@@ -26,11 +26,6 @@ pytestmark = [
     ),
 ]
 
-LOG = """\
-$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A
-$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47
-"""
-
 
 @pytest.fixture(scope="module")
 def plain(project, wheel, tmp_path_factory):
@@ -129,14 +124,14 @@ def test_it_serves(plain, library):
 
 def test_what_is_not_installed_is_named_with_the_command_that_installs_it(plain, library):
     (library / "disk.onnx").write_bytes(brightest("disk"))
-    (library / "walk.nmea").write_text(LOG)
+    (library / "walk.mcap").write_bytes(b"\x89MCAP0\r\n")
     Image.new("RGB", (200, 100)).save(library / "sample" / "image.tif")
     cfg = library / "sample" / "map.cfg"
     model = {"EXPMAP_MODELS": str(library)}
     learned = failed(plain / "expmap", "build", cfg, "--features", "disk", cwd=library, **model)
     assert install_line("learned") in learned
     run(plain / "expmap", "mission", "new", "Walk", "--library", library, cwd=library)
-    command = [plain / "expmap", "mission", "import", 1, library / "walk.nmea", "--library", library]
+    command = [plain / "expmap", "mission", "import", 1, library / "walk.mcap", "--library", library]
     assert install_line("missions") in failed(*command, cwd=library)
     assert install_line("sfm") in failed(plain / "expmap", "map", "place-rest", cfg, cwd=library)
     image = ["--satellite", library / "sample" / "image.tif", "--geotiff"]

@@ -1826,7 +1826,7 @@ export interface components {
         };
         ReadingIn: {
             /**
-             * @description Of a frame in TUM, KITTI or CSV; by default detected.
+             * @description Of a frame in TUM, KITTI and CSV; by default detected.
              * @default
              * @enum {string}
              */
@@ -2223,7 +2223,7 @@ export interface components {
         };
         StagedImportIn: {
             /**
-             * @description Of a frame in TUM, KITTI or CSV; by default detected.
+             * @description Of a frame in TUM, KITTI and CSV; by default detected.
              * @default
              * @enum {string}
              */
@@ -2450,7 +2450,7 @@ export interface components {
         };
         TrackFileIn: {
             /**
-             * @description Of a frame in TUM, KITTI or CSV; by default detected.
+             * @description Of a frame in TUM, KITTI and CSV; by default detected.
              * @default
              * @enum {string}
              */
@@ -2463,7 +2463,7 @@ export interface components {
             columns: string;
             /**
              * Format: binary
-             * @description A ROS 1 bag, ROS 2 bag (.db3, .mcap), GPX, TCX, KML, KMZ, GeoJSON, FIT, IGC, NMEA, TUM, KITTI or CSV.
+             * @description Of one of the formats that are recognised by their content.
              */
             file: string;
             /**

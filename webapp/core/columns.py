@@ -1,149 +1,30 @@
 """Meaning of a table's columns: given by the user, or guessed from its header.
 
 Written as `time=stamp:ms, lat=Latitude, lon=Longitude, heading=yaw:rad`: a field, the column by its header or
-by its number from 1, and a unit if it is not the default.
+by its number from 1, and a unit if it is neither in the header nor the default. A unit that is not known is
+refused, never replaced by the default.
 """
 
 from __future__ import annotations
 
-import math
 import re
+import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
+from webapp.core.column_words import (
+    LOCAL_WORDS,
+    NAMES,
+    NEEDED,
+    PHOTO_NAMES,
+    PHOTO_UNITS,
+    QUALIFIERS,
+    UNIT_WORDS,
+    UNITS,
+    UTC_WORDS,
+)
 from webapp.errors import TrackError, UsageError
-
-_DEG = math.degrees(1.0)
-EXCEL_DAYS = 86400.0
-"""Scale of a time in days since 1899-12-30, as in spreadsheets."""
-
-DATE_ORDERS = {"ymd": 1.0, "dmy": 2.0, "mdy": 3.0}
-"""Orders of year, month and day in a date: units of its column, and the scales that encode them."""
-
-_ANGLE = {"deg": 1.0, "rad": _DEG, "e7": 1e-7, "e6": 1e-6}
-_UNITS: dict[str, dict[str, float]] = {
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "excel": EXCEL_DAYS},
-    "date": {"": 0.0, **DATE_ORDERS},
-    "lat": _ANGLE,
-    "lon": _ANGLE,
-    "lat_ref": {"": 1.0},
-    "lon_ref": {"": 1.0},
-    "height": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "ft": 0.3048},
-    "heading": {"deg": 1.0, "rad": _DEG, "cdeg": 1e-2},
-    "yaw": {"rad": 1.0, "deg": 1.0 / _DEG},
-    "x": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
-    "y": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
-    "z": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
-    "qx": {"1": 1.0},
-    "qy": {"1": 1.0},
-    "qz": {"1": 1.0},
-    "qw": {"1": 1.0},
-    "valid": {"": 1.0},
-    "var_e": {"m2": 1.0},
-    "var_n": {"m2": 1.0},
-    "cov_en": {"m2": 1.0},
-    "accuracy": {"m": 1.0, "mm": 1e-3},
-    "confidence": {"1": 1.0, "%": 1e-2},
-    "id": {"": 1.0},
-    "class": {"": 1.0},
-    "track": {"": 1.0},
-    "source": {"": 1.0},
-}
-"""Fields and their permitted units, the default first; text fields have none. A time may also be in ISO 8601.
-`heading` is clockwise from north, `yaw` counter-clockwise from x; `accuracy` is one standard deviation in
-each direction. `lat_ref` and `lon_ref` contain N or S and E or W if the numbers have no sign; `qx` to `qw`
-are the orientation of the body."""
-
-_NAMES: dict[str, Sequence[str]] = {
-    "time": (
-        "time",
-        "timestamp",
-        "timestamps",
-        "stamp",
-        "t",
-        "utc",
-        "datetime",
-        "date_time",
-        "unixtime",
-        "times",
-        "utc_t",
-        "utc_time",
-        "gps_time",
-        "local_time",
-        "frame_id",
-    ),
-    "date": ("date", "utc_d", "utc_date", "gps_date", "local_date"),
-    "lat": ("lat", "latitude", "gps_lat", "gpslatitude", "breite", "latitude_n/s"),
-    "lon": ("lon", "lng", "long", "longitude", "gps_lon", "gpslongitude", "longitude_e/w"),
-    "lat_ref": ("n/s", "ns", "n_s", "lat_ref", "latitude_ref", "gpslatituderef", "lat_dir"),
-    "lon_ref": ("e/w", "ew", "e_w", "lon_ref", "longitude_ref", "gpslongituderef", "lon_dir"),
-    "height": ("height", "alt", "altitude", "ele", "elevation"),
-    "heading": ("heading", "hdg", "course", "bearing", "azimuth", "cog"),
-    "yaw": ("yaw", "theta"),
-    "x": ("x", "tx", "pos_x", "position_x", "translation_x", "p_x", "p_rs_r_x"),
-    "y": ("y", "ty", "pos_y", "position_y", "translation_y", "p_y", "p_rs_r_y"),
-    "z": ("z", "tz", "pos_z", "position_z", "translation_z", "p_z", "p_rs_r_z"),
-    **{
-        f"q{axis}": (
-            f"q{axis}",
-            f"q_{axis}",
-            f"quaternion_{axis}",
-            f"quat_{axis}",
-            f"orientation_{axis}",
-            f"rotation_{axis}",
-            f"rot_{axis}",
-            f"q_rs_{axis}",
-        )
-        for axis in "xyzw"
-    },
-    "valid": ("valid", "fix_mode", "fix", "fix_type"),
-    "var_e": ("var_e",),
-    "var_n": ("var_n",),
-    "cov_en": ("cov_en",),
-    "accuracy": ("accuracy", "hacc", "horizontal_accuracy"),
-    "confidence": ("confidence", "score"),
-    "id": ("id", "object_id", "object"),
-    "class": ("class", "kind", "type", "label"),
-    "track": ("track",),
-    "source": ("source",),
-}
-_PHOTO_UNITS: dict[str, dict[str, float]] = {
-    "name": {"": 1.0},
-    "lat": _UNITS["lat"],
-    "lon": _UNITS["lon"],
-    "lat_ref": {"": 1.0},
-    "lon_ref": {"": 1.0},
-    "x": {"px": 1.0},
-    "y": {"px": 1.0},
-    "heading": _UNITS["heading"],
-}
-"""`lat_ref` and `lon_ref` contain N or S and E or W if the numbers have no sign."""
-
-_PHOTO_NAMES: dict[str, Sequence[str]] = {
-    "name": (
-        "name",
-        "photo",
-        "photo_name",
-        "file",
-        "filename",
-        "file_name",
-        "sourcefile",
-        "source_file",
-        "path",
-        "image",
-        "image_name",
-        "img",
-        "picture",
-        "title",
-    ),
-    "lat": _NAMES["lat"],
-    "lon": _NAMES["lon"],
-    "lat_ref": ("lat_ref", "gpslatituderef"),
-    "lon_ref": ("lon_ref", "gpslongituderef"),
-    "x": ("x", "px", "pixel_x", "column"),
-    "y": ("y", "py", "pixel_y", "row"),
-    "heading": (*_NAMES["heading"], "yaw", "direction", "gpsimgdirection"),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,30 +38,20 @@ class ColumnFields:
     example: str  # Example of how columns are written
 
 
-POSE_FIELDS = ColumnFields(_UNITS, _NAMES, (), "time=stamp:ms, lat=Latitude, lon=Longitude")
+POSE_FIELDS = ColumnFields(UNITS, NAMES, (), "time=stamp:ms, lat=Latitude, lon=Longitude")
 """Poses and objects of a mission."""
 
-PHOTO_FIELDS = ColumnFields(_PHOTO_UNITS, _PHOTO_NAMES, ("name",), "name=File, lat=Latitude, lon=Longitude")
+PHOTO_FIELDS = ColumnFields(PHOTO_UNITS, PHOTO_NAMES, ("name",), "name=File, lat=Latitude, lon=Longitude")
 """Positions of photos, on the Earth or in pixels of the satellite image."""
 
-_UNIT_WORDS = {
-    "seconds": "s",
-    "sec": "s",
-    "msec": "ms",
-    "usec": "us",
-    "nsec": "ns",
-    "degrees": "deg",
-    "radians": "rad",
-    "metres": "m",
-    "meters": "m",
-    "feet": "ft",
-    "pixels": "px",
-    "°": "deg",
-}
 _PART = re.compile(r"\s*([a-z_]+)\s*=\s*(.+?)\s*(?::\s*([a-z0-9%]+)\s*)?", re.IGNORECASE)
-_WITH_UNIT = re.compile(
-    r"(.+?)[\s_]*(?:[\[(]\s*([a-z0-9%°]*)\s*[\])]|[_\s](s|ms|us|ns|m|m2|mm|cm|ft|deg|rad|e7|px))"
+_IN_BRACKETS = re.compile(r"(.+?)[\s_]*[\[({]([^\[\](){}]*)[\])}]\s*")
+_AFTER_SLASH = re.compile(r"(.+?)\s*/\s*([^/]+)")
+_AFTER_WORD = re.compile(
+    r"(.+?)[_\s](s|sec|seconds|ms|msec|millis|milliseconds|us|usec|micros|microseconds|ns|nsec|nanos|nanoseconds|"
+    r"m|m2|mm|cm|km|ft|feet|yd|metres|meters|deg|degrees|rad|radians|mrad|e7|e6|px)"
 )
+"""A unit after a name; those that are words themselves (`min`, `in`) only count in brackets."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +93,9 @@ def parse_columns(text: str, header: Sequence[str], *, fields: ColumnFields = PO
         if index is None:
             hint = f"its columns are {', '.join(header)[:200]}; numbers count from 1"
             raise UsageError(f"the table has no column {name[:40]!r}", where="columns", hint=hint)
-        found[field] = Column(index, _scale(field, unit, units=fields.units[field]))
+        units = fields.units[field]
+        unit = _stated(header[index], units) if unit is None else unit
+        found[field] = Column(index, _scale(field, unit, units=units))
     problem = _missing(found, fields)
     if 0 < sum(f"q{axis}" in found for axis in "xyzw") < len("xyzw"):
         problem = "the quaternion is incomplete"
@@ -231,23 +104,70 @@ def parse_columns(text: str, header: Sequence[str], *, fields: ColumnFields = PO
     return found
 
 
-def guess_columns(header: Sequence[str], *, fields: ColumnFields = POSE_FIELDS) -> Columns:
-    """Guess the columns' fields from the header: `timestamp_ms`, `Latitude [deg]`, `x (m)` ...
+class Header(NamedTuple):
+    """A header, taken apart."""
+
+    field: str | None  # None if it is not recognised
+    unit: str | None  # As written; None without one
+    basis: int  # Of a time: 1 for UTC, -1 for a local time, 0 if it does not say
+
+
+def read_header(name: str, *, fields: ColumnFields = POSE_FIELDS) -> Header:
+    """Recognise a field and a unit: `timestamp_ms`, `Latitude [deg]`, `Höhe (m)`, `t/s` ..."""
+    plain = _plain(name)
+    words = set(re.findall(r"[a-z]+", plain))
+    basis = 1 if words & UTC_WORDS else -1 if words & LOCAL_WORDS else 0
+    whole = _recognized(plain, fields)
+    if whole is not None:
+        return Header(whole, None, basis)
+    for pattern in (_IN_BRACKETS, _AFTER_SLASH, _AFTER_WORD):
+        parts = pattern.fullmatch(plain)
+        if parts is None:
+            continue
+        unit = parts[2].strip() if _spelled(parts[2]) else None
+        field = _recognized(parts[1], fields)
+        if field is None and pattern is _IN_BRACKETS:  # `time_utc (ms)` or `timestamp_ms (UTC)`
+            inner = read_header(parts[1], fields=fields)
+            field, unit = inner.field, unit or inner.unit
+        if field is not None:
+            return Header(field, unit, basis)
+    return Header(None, None, basis)
+
+
+def guess_columns(
+    header: Sequence[str], *, fields: ColumnFields = POSE_FIELDS, remarks: list[str] | None = None
+) -> Columns:
+    """Guess the columns' fields from the header; of several of a field the first is taken.
+
+    Args:
+        remarks: Gets a sentence on each column that is left out because its unit is not known.
 
     Raises:
-        TrackError: No columns for a position or another required field are recognised.
+        TrackError: No columns for a position or another required field are recognised, or a time or a
+            position has an unknown unit.
     """
     found: dict[str, Column] = {}
+    unknown: dict[str, tuple[str, str]] = {}
     for index, name in enumerate(header):
-        plain = name.strip().lstrip("#%").strip().lower()
-        field, unit = _recognized(plain, fields), None
-        with_unit = _WITH_UNIT.fullmatch(plain)
-        if field is None and with_unit is not None:
-            field, unit = _recognized(with_unit[1], fields), with_unit[2] or with_unit[3]
-        if field is not None and field not in found:
-            unit = _UNIT_WORDS.get(unit, unit) if unit else None
-            units = fields.units[field]
-            found[field] = Column(index, units.get(unit or "", _scale(field, None, units=units)))
+        field, unit, _ = read_header(name, fields=fields)
+        if field is None or field in found:
+            continue
+        units = fields.units[field]
+        scale = _known_scale(unit, units)
+        if scale is None:
+            unknown.setdefault(field, (name.strip(), str(unit)))
+        else:
+            found[field] = Column(index, scale)
+    for field, (name, unit) in unknown.items():
+        if field in found:
+            continue
+        if field in NEEDED:
+            raise TrackError(
+                f"the unit {unit[:40]!r} of the column {name[:60]!r} is not known",
+                hint=f"convert it, or give the columns with one of {', '.join(fields.units[field])}",
+            )
+        if remarks is not None:
+            remarks.append(f"the column {name[:60]!r} is left out, as its unit {unit[:40]!r} is not known")
     if _missing(found, fields):
         hint = f"assign columns to fields, such as {fields.example}"
         what = " and ".join((*(f"{field}s" for field in fields.needed), "positions"))
@@ -255,9 +175,56 @@ def guess_columns(header: Sequence[str], *, fields: ColumnFields = POSE_FIELDS) 
     return found
 
 
+def candidates(
+    header: Sequence[str], field: str, *, fields: ColumnFields = POSE_FIELDS
+) -> list[tuple[Column, int]]:
+    """Return every column of a field whose unit is known, each with its basis (see `Header`)."""
+    read = [read_header(name, fields=fields) for name in header]
+    scales = [_known_scale(one.unit, fields.units[field]) if one.field == field else None for one in read]
+    return [(Column(n, s), read[n].basis) for n, s in enumerate(scales) if s is not None]
+
+
+def unit_word(text: str) -> str:
+    """Return the name of a unit that may be spelled out: `ms` for `milliseconds`."""
+    word = _spelled(text)
+    return UNIT_WORDS.get(word, word)
+
+
+def _spelled(text: str) -> str:
+    """Join the words of a unit, without those that are no part of it: `m` of `m above sea level`."""
+    words = re.split(r"[\s,;_]+|(?<=[a-z])-(?=[a-z])", text.strip().rstrip("."))
+    return "_".join(word for word in words if word and word not in QUALIFIERS)
+
+
+def _plain(text: str) -> str:
+    """Return a header in lower case without accents and marks of comments."""
+    parts = unicodedata.normalize("NFKD", text.strip().lstrip("#%").strip().lower().replace("º", "°"))
+    return "".join(one for one in parts if not unicodedata.combining(one)).replace("ß", "ss")
+
+
+def _words(text: str) -> str:
+    return re.sub(r"[\s._\-]+", "_", text.strip()).strip("_")
+
+
 def _recognized(name: str, fields: ColumnFields) -> str | None:
-    word = re.sub(r"[\s.\-]+", "_", name.strip())
+    word = _words(name)
     return next((field for field, names in fields.names.items() if word in names), None)
+
+
+def _known_scale(unit: str | None, units: Mapping[str, float]) -> float | None:
+    """Return the scale of a unit; the default's without one, and for texts. None if it is not known."""
+    if unit is None or not any(units):
+        return next(iter(units.values()))
+    return units.get(unit_word(unit))
+
+
+def _stated(name: str, units: Mapping[str, float]) -> str | None:
+    """Return the unit that the header of a given column states, if any."""
+    plain = _plain(name)
+    in_brackets, after = _IN_BRACKETS.fullmatch(plain), _AFTER_WORD.fullmatch(plain)
+    if in_brackets is not None and _spelled(in_brackets[2]) and any(units):
+        return in_brackets[2].strip()
+    return after[2] if after is not None and unit_word(after[2]) in units else None
 
 
 def _place(name: str, names: Sequence[str]) -> int | None:
@@ -270,15 +237,14 @@ def _place(name: str, names: Sequence[str]) -> int | None:
 
 
 def _scale(field: str, unit: str | None, *, units: Mapping[str, float]) -> float:
-    if unit is None:
-        return next(iter(units.values()))
-    if unit.lower() not in units:
+    scale = next(iter(units.values())) if unit is None else units.get(unit_word(_plain(unit)))
+    if scale is None:
         raise UsageError(
             f"{field} has no unit {unit!r}",
             where="columns",
             hint=f"permitted units: {', '.join(filter(None, units)) or 'none'}",
         )
-    return units[unit.lower()]
+    return scale
 
 
 def _missing(found: Columns, fields: ColumnFields) -> str | None:

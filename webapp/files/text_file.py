@@ -115,9 +115,7 @@ def numbered_lines(file: BinaryIO) -> Iterator[tuple[int, str]]:
     Raises:
         TrackError: A line is longer than `MAX_LINE`, or the file is UTF-16.
     """
-    number = 0
-    while line := file.readline(MAX_LINE + 1):
-        number += 1
+    for number, line in enumerate(_lines(file), 1):
         if len(line) > MAX_LINE:
             raise TrackError(f"line {number} is longer than {MAX_LINE} bytes", hint="is it a text file?")
         if number == 1:
@@ -125,6 +123,25 @@ def numbered_lines(file: BinaryIO) -> Iterator[tuple[int, str]]:
                 raise TrackError("the file is UTF-16 text", hint="save it as UTF-8")
             line = line.removeprefix(codecs.BOM_UTF8)
         yield number, _decoded(line).rstrip("\r\n")
+
+
+def _lines(file: BinaryIO) -> Iterator[bytes]:
+    """Yield the lines of a file, which may end with carriage returns alone; too long ones are cut."""
+    line = file.readline(MAX_LINE + 1)
+    if line.endswith(b"\n") or b"\r" not in line[:-1]:
+        while line:
+            yield line
+            line = file.readline(MAX_LINE + 1)
+        return
+    while line:
+        *whole, line = line.split(b"\r")
+        yield from whole
+        more = file.read(MAX_LINE)
+        if not more or len(line) > MAX_LINE:
+            if line:
+                yield line
+            return
+        line += more
 
 
 def _decoded(line: bytes) -> str:

@@ -56,6 +56,18 @@ def test_a_corrected_track_is_added_to_the_others(library, driven):
         assert session.get_one(Mission, mission_id).revision == report["revision"] == 1
 
 
+def test_a_plan_is_not_what_was_driven(library, driven):
+    mission_id, drive = driven
+    far = odometry_of(drive)
+    far.latlon[:] += np.linspace(0, 1, len(far))[:, None]
+    with library.database.write() as session:
+        for name in ("bag /plan", "bag /goal_pose map"):
+            plan = tracks.get_or_create(session, mission_id, source="odometry", name=name)
+            tracks.append(session, plan, far)
+        driven_id = next(t.id for t in tracks.list_tracks(session, mission_id) if t.source == "odometry")
+    assert run(library, mission_id)["odometry"] == driven_id
+
+
 def test_what_was_left_out_is_reported_and_kept(library, driven):
     mission_id, drive = driven
     report = run(library, mission_id)

@@ -53,7 +53,7 @@ def mission(library, owner):
 def small_parts(monkeypatch):
     """Read files in small parts, in this process, and store a few at a time."""
     monkeypatch.setattr(gate, "run", lambda target, arguments, **_: import_name(target)(**arguments))
-    monkeypatch.setattr("webapp.missions.files.csv_reader.CHUNK", 50)
+    monkeypatch.setattr("webapp.missions.files.readers.csv_reader.CHUNK", 50)
     monkeypatch.setattr(import_file, "_AT_ONCE", 120)
 
 

@@ -30,6 +30,7 @@ TEXTS = {
     "table": "time,lat,lon\n1,50,14\n",
     "GeoJSON": '{"type": "LineString", "coordinates": [[14, 50]]}',
     "IGC": "AXXX\nHFDTE010120\nB1200005000000N01400000EA0020000200\n",
+    "RTKLIB solution": "% UTC latitude(deg) longitude(deg) height(m) Q\n2026/05/01 10:00:00 50 14 200 1\n",
     "TCX": "<TrainingCenterDatabase><Course><Trackpoint><Position><LatitudeDegrees>50</LatitudeDegrees>"
     "<LongitudeDegrees>14</LongitudeDegrees></Position></Trackpoint></Course></TrainingCenterDatabase>",
 }

@@ -13,6 +13,7 @@ from webapp.cli.progressbar import terminal_progress
 from webapp.errors import InputError
 from webapp.files.exchange.times import utc
 from webapp.missions.core.trajectory.axes import AXES
+from webapp.missions.files.track_reader import with_axes
 from webapp.missions.tasks import inspect_file
 from webapp.missions.tasks.import_order import order_of
 from webapp.missions.tasks.inspect_file import FileReport, FileSource
@@ -24,9 +25,7 @@ _SHOWN = 50
 @click.command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--columns", metavar="TEXT", help="Columns of a CSV: time=stamp:ms, lat=Latitude, lon=3 ...")
-@click.option(
-    "--axes", type=click.Choice(AXES), help="Axes of TUM, KITTI and CSV files.  [default: detected]"
-)
+@click.option("--axes", type=click.Choice(AXES), help=f"Axes of {with_axes()} files.  [default: detected]")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per file, one per line.")
 def inspect(files: tuple[Path, ...], columns: str | None, axes: str | None, as_json: bool) -> int:
     """Show what FILES contain: each source with its poses, times and extent, and anything odd.

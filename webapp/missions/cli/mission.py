@@ -20,6 +20,7 @@ from webapp.files.atomic import write_pieces
 from webapp.missions.core.trajectory.axes import AXES
 from webapp.missions.core.trajectory.records import SOURCES
 from webapp.missions.core.trajectory.robotframe import Start, parse_start
+from webapp.missions.files.track_reader import listed, with_axes
 from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import export as export_mission
@@ -82,7 +83,11 @@ def new(name: str, slug: str | None, start: Start | None, note: str, library: Pa
     click.echo(number)
 
 
-@click.command("import")
+@click.command(
+    "import",
+    help="Import tracks and objects from FILES into the mission with the number MISSION.\n\n"
+    f"{listed()} are recognised by their content. Importing a file again stores nothing twice.",
+)
 @click.argument("mission", type=int)
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--topic", "topics", multiple=True, metavar="NAME", help="Only this topic or line; repeatable.")
@@ -95,9 +100,7 @@ def new(name: str, slug: str | None, start: Start | None, note: str, library: Pa
 @click.option(
     "--source", type=click.Choice(SOURCES), help="Source of all tracks.  [default: by the kind of file]"
 )
-@click.option(
-    "--axes", type=click.Choice(AXES), help="Axes of TUM, KITTI and CSV files.  [default: detected]"
-)
+@click.option("--axes", type=click.Choice(AXES), help=f"Axes of {with_axes()} files.  [default: detected]")
 @click.option(
     "--min-move", metavar="DISTANCE",
     help="Leave out poses that moved less: 0.5m, 0.00001deg, or 0.  [default: 0.00001deg]",
@@ -107,11 +110,7 @@ def new(name: str, slug: str | None, start: Start | None, note: str, library: Pa
 def import_files(
     mission: int, files: tuple[Path, ...], listing: bool, library: Path | None, **given: Any
 ) -> int:
-    """Import tracks and objects from FILES into the mission with the number MISSION.
-
-    Bags of ROS 1 and 2, MCAP, GPX, TCX, KML, KMZ, GeoJSON, FIT, IGC, NMEA, TUM, KITTI and CSV are
-    recognised by their content. Importing a file again stores nothing twice.
-    """
+    """Import files with tracks."""
     if listing:
         for path in files:
             _print_topics(path)

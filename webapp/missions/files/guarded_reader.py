@@ -11,7 +11,7 @@ from typing import Any
 from webapp.errors import TrackError
 from webapp.files import gate
 from webapp.files.gate import Budget
-from webapp.missions.files import rosbag, track_reader
+from webapp.missions.files import track_reader
 from webapp.missions.files.piece_messages import (
     Remark,
     decode,
@@ -19,26 +19,20 @@ from webapp.missions.files.piece_messages import (
     remark_message,
     values_message,
 )
-from webapp.missions.files.rosbag import Topic
+from webapp.missions.files.readers import rosbag
+from webapp.missions.files.readers.rosbag import Topic
 from webapp.missions.files.track_chunks import Findings, Piece, RobotPiece, WorldPiece
-from webapp.missions.files.track_format import Kind
-from webapp.missions.files.track_reader import BAG_SUFFIXES, Selection
+from webapp.missions.files.track_format import Selection, TrackFormat
 from webapp.progress import Progress
 from webapp.settings import FileLimits
 
 MAX_TRACKS = 10_000
 """Tracks of one file: each takes memory and a record until the end of an import."""
 
-_SORTS = 2
-"""Size of the temporary file in which SQLite sorts, in multiples of a bag's size."""
-
-_BAGS = ("rosbags.highlevel", "rosbags.typesys", "rosbags.typesys.stores.ros2_humble")
-_PRELOAD: dict[Kind, tuple[str, ...]] = {**dict.fromkeys(BAG_SUFFIXES, _BAGS), "fit": ("fitdecode",)}
-
 
 def read(
     path: Path,
-    kind: Kind,
+    kind: TrackFormat,
     *,
     selection: Selection,
     findings: Findings,
@@ -59,7 +53,7 @@ def read(
         Cancelled
     """
     tracks: set[str] = set()
-    arguments = {"path": str(path), "kind": kind, "selection": asdict(selection)}
+    arguments = {"path": str(path), "kind": kind.name, "selection": asdict(selection)}
     with closing(_run("messages", arguments, kind=kind, progress=progress, budget=budget)) as messages:
         for message in messages:
             found = decode(message)
@@ -74,17 +68,17 @@ def read(
             yield found
 
 
-def topics(path: Path, kind: Kind) -> list[Topic]:
+def topics(path: Path, kind: TrackFormat) -> list[Topic]:
     """List the topics of a bag.
 
     Raises:
         TrackError: The bag is damaged, or reading it takes more than the default settings allow.
     """
-    messages = _run("topic_messages", {"path": str(path), "kind": kind}, kind=kind)
+    messages = _run("topic_messages", {"path": str(path), "suffix": kind.suffix}, kind=kind)
     return [Topic(*decode(message)) for message in messages]  # type: ignore[misc]
 
 
-def messages(path: str, kind: Kind, *, selection: dict[str, Any]) -> Iterator[bytes]:
+def messages(path: str, kind: str, *, selection: dict[str, Any]) -> Iterator[bytes]:
     """Yield pieces as messages, and remarks before the piece that follows them; called in the child."""
     chosen = Selection(**{**selection, "topics": tuple(selection["topics"])})
     findings = _Remarks()
@@ -94,9 +88,9 @@ def messages(path: str, kind: Kind, *, selection: dict[str, Any]) -> Iterator[by
     yield from map(remark_message, findings.taken())
 
 
-def topic_messages(path: str, kind: Kind) -> Iterator[bytes]:
+def topic_messages(path: str, suffix: str) -> Iterator[bytes]:
     """Yield the topics of a bag as messages; called in the child."""
-    for topic in rosbag.topics(Path(path), suffix=BAG_SUFFIXES[kind]):
+    for topic in rosbag.topics(Path(path), suffix=suffix):
         yield values_message((topic.name, topic.type, topic.messages, topic.readable))
 
 
@@ -104,19 +98,18 @@ def _run(
     name: str,
     arguments: dict[str, Any],
     *,
-    kind: Kind,
+    kind: TrackFormat,
     progress: Progress | None = None,
     budget: Budget | None = None,
 ) -> Any:
     path = Path(arguments["path"])
-    writes = {"ros2-sqlite": _SORTS * gate.size_of(path), "ros2-folder": None}  # its files may be compressed
     return gate.run(
         f"{__name__}:{name}",
         arguments,
         budget=budget or gate.budget_for(path, FileLimits()),
         progress=progress,
-        preload=_PRELOAD.get(kind, ()),
-        may_write=writes.get(kind, 0),
+        preload=kind.preload,
+        may_write=None if kind.scratch is None else round(kind.scratch * gate.size_of(path)),
     )
 
 

@@ -1,132 +1,155 @@
-"""Detects the format of a track file from its content."""
+"""What a format of track files is: the entry from which all of the program knows it."""
 
 from __future__ import annotations
 
 import codecs
 import io
 import itertools
-import zipfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import BinaryIO, cast
 
-from webapp.errors import TrackError
 from webapp.files.exchange.xml import local_name, walk
 from webapp.files.text_file import numbered_lines
-from webapp.missions.files.fit import is_fit
-from webapp.missions.files.igc import is_igc
-from webapp.missions.files.kml_reader import opened_kml
-from webapp.missions.files.nmea import is_sentence
-from webapp.missions.files.trajectory_text import layout_of
-
-Kind = Literal[
-    "ros1", "ros2-sqlite", "ros2-mcap", "ros2-folder", "gpx", "tcx", "kml", "kmz", "geojson", "fit", "igc",
-    "nmea", "tum", "kitti", "csv",
-]  # fmt: skip
-
-TITLES: dict[Kind, str] = {
-    "ros1": "ROS 1 bag",
-    "ros2-sqlite": "ROS 2 bag (SQLite)",
-    "ros2-mcap": "ROS 2 bag (MCAP)",
-    "ros2-folder": "ROS 2 bag",
-    "gpx": "GPX",
-    "tcx": "TCX",
-    "kml": "KML",
-    "kmz": "KMZ",
-    "geojson": "GeoJSON",
-    "fit": "FIT",
-    "igc": "IGC",
-    "nmea": "NMEA 0183",
-    "tum": "TUM trajectory",
-    "kitti": "KITTI trajectory",
-    "csv": "table",
-}
-"""Names of the kinds, for display."""
+from webapp.missions.core.trajectory.axes import Axes
+from webapp.missions.files.track_chunks import Findings, Piece
 
 _HEAD = 4096
 _XML_HEAD = 1_000_000
 _LINES = 50
-_KML_ROOTS = {"kml", "Document", "Folder", "Placemark", "NetworkLink"}
-_HINT = "known are ROS bags, MCAP, GPX, TCX, KML, KMZ, GeoJSON, FIT, IGC, NMEA, TUM, KITTI and CSV"
-_WIDE = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+_BEFORE_JSON = b"\xef\xbb\xbf \t\r\n\x1e"
+"""The last one begins each text of a sequence (RFC 8142)."""
+
+_BEFORE_XML = b"\xef\xbb\xbf\xff\xfe \t\r\n\0"
 
 
-def kind_of(path: Path, *, table: bool = False) -> Kind:
-    """Detect the kind of a file, or of the folder of a ROS 2 bag.
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """What to read of a file."""
 
-    Args:
-        table: Treat any text file as a table.
+    topics: tuple[str, ...] = ()  # Only these topics of a bag, or lines of a KML; empty for all
+    columns: str | None = None  # Meaning of the columns of a table; None to infer it
+    axes: Axes | None = None  # Axes of frames in TUM, KITTI and tables; None to detect them
 
-    Raises:
-        TrackError: The file is not a track, cannot be read, or is XML that declares a document type.
-    """
-    try:
-        if path.is_dir():
-            if (path / "metadata.yaml").is_file():
-                return "ros2-folder"
-            raise TrackError("the folder is not a ROS 2 bag", hint="it needs a metadata.yaml")
+
+class Beginning:
+    """The beginning of a file, by which its format is recognised; parts are read when they are asked for."""
+
+    def __init__(self, path: Path) -> None:
+        """Open a file; raises OSError."""
+        self.path = path
         with path.open("rb") as file:
-            head = file.read(_HEAD)
-    except OSError as error:
-        message = f"the file cannot be read: {error.strerror or error}"
-        raise TrackError(message, hint="check its path") from error
-    if not head:
-        raise TrackError("the file is empty")
-    kind = _binary(path, head)
-    if kind is not None:
-        return kind
-    if head.lstrip(b"\xef\xbb\xbf\xff\xfe \t\r\n\0").startswith(b"<"):
-        return _xml(path)
-    if head.startswith(_WIDE):
-        raise TrackError("the file is UTF-16 text", hint="save it as UTF-8")
-    if b"\0" in head:
-        raise TrackError("this is not a file with a track", hint=_HINT)
-    return "csv" if table else _text(path)
+            self.head = file.read(_HEAD)
+
+    @property
+    def is_xml(self) -> bool:
+        return self.head.lstrip(_BEFORE_XML).startswith(b"<")
+
+    @property
+    def is_text(self) -> bool:
+        return bool(self.head) and b"\0" not in self.head and not self.is_xml
+
+    @property
+    def is_json(self) -> bool:
+        return self.is_text and self.head.lstrip(_BEFORE_JSON).startswith((b"{", b"["))
+
+    @cached_property
+    def root(self) -> str:
+        """Name of the root of an XML; empty for other files. Raises TrackError if the XML is damaged."""
+        if not self.is_xml:
+            return ""
+        with self.path.open("rb") as file:
+            head = without_blanks(file).read(_XML_HEAD)
+        beginning = io.BytesIO(head)  # no endless comment, and no attribute of gigabytes
+        _, root = next(walk(beginning, whole=()))
+        return local_name(root)
+
+    @cached_property
+    def lines(self) -> list[str]:
+        """The first lines of a text; none for other files."""
+        if not self.is_text:
+            return []
+        with self.path.open("rb") as file:
+            return [line for _, line in itertools.islice(numbered_lines(file), _LINES)]
+
+    @property
+    def content(self) -> str:
+        """The first line of a text that is neither blank nor a comment; empty without one."""
+        filled = (line for line in self.lines if line.strip() and not line.lstrip().startswith("#"))
+        return next(filled, "")
 
 
-def _binary(path: Path, head: bytes) -> Kind | None:
-    if head.startswith(b"#ROSBAG V"):
-        return "ros1"
-    if head.startswith(b"\x89MCAP0\r\n"):
-        return "ros2-mcap"
-    if head.startswith(b"SQLite format 3\0"):
-        return "ros2-sqlite"
-    if is_fit(head):
-        return "fit"
-    if not head.startswith(b"PK\x03\x04"):
-        return None
-    if zipfile.is_zipfile(path):
-        with opened_kml(path):
-            return "kmz"
-    raise TrackError("the zip is damaged or cut off")
+Reader = Callable[[Path, Selection, Findings], Iterator[Piece]]
 
 
-def _xml(path: Path) -> Kind:
-    with path.open("rb") as file:
-        beginning = io.BytesIO(file.read(_XML_HEAD))  # no endless comment, and no attribute of gigabytes
-    _, root = next(walk(beginning, whole=()))
-    name = local_name(root)
-    if name == "gpx":
-        return "gpx"
-    if name == "TrainingCenterDatabase":
-        return "tcx"
-    if name in _KML_ROOTS:
-        return "kml"
-    raise TrackError(f"the XML is neither GPX, TCX nor KML: it begins with <{name[:40]}>", hint=_HINT)
+@dataclass(frozen=True, slots=True)
+class FormatAbout:
+    """What people are told about a format, in the documentation."""
+
+    tracks: str  # What becomes tracks
+    objects: str = ""  # What becomes objects
+    left_out: str = ""
+    written_by: str = ""  # Programs and devices
 
 
-def _text(path: Path) -> Kind:
-    with path.open("rb") as file:
-        if file.read(_HEAD).lstrip(b"\xef\xbb\xbf \t\r\n").startswith((b"{", b"[")):
-            return "geojson"
-        file.seek(0)
-        lines = [line for _, line in itertools.islice(numbered_lines(file), _LINES)]
-    if is_igc(lines):
-        return "igc"
-    if any(is_sentence(line) for line in lines):
-        return "nmea"
-    content = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
-    if content and (layout := layout_of(content[0])):
-        return layout
-    if content and any(mark in content[0] for mark in ",;\t|"):
-        return "csv"
-    raise TrackError("the text has no known format", hint=_HINT)
+@dataclass(frozen=True, slots=True)
+class TrackFormat:
+    """A format of files with tracks."""
+
+    name: str
+    title: str  # For display
+    called: str  # In lists of formats, which name several with the same word once
+    endings: tuple[str, ...]  # Of the names of such files; for choosing files only
+    # Yields the pieces, before they are georeferenced. Raises TrackError, and UsageError if the selection
+    # does not fit.
+    read: Reader
+    about: FormatAbout
+    # A file is recognised by one of these rules; the second may raise TrackError for a damaged file.
+    roots: frozenset[str] = frozenset()  # Names of the root of an XML
+    is_one: Callable[[Beginning], bool] = lambda _: False
+    needs: str = ""  # The extra that reading needs
+    preload: tuple[str, ...] = ()  # Modules that its reading process imports before it is limited
+    suffix: str | None = None  # Only bags: of their files, empty for a folder
+    has_axes: bool = False  # Whether axes can be chosen
+    numbered: str = ""  # First word of the ids that the reader generates for objects
+    # Size of temporary files that reading writes, in multiples of the file's; None without a limit
+    scratch: float | None = 0.0
+
+
+def opened(read: Callable[[BinaryIO, Selection, Findings], Iterator[Piece]]) -> Reader:
+    """Turn a reader of an open file into one of a path."""
+
+    def reader(path: Path, selection: Selection, findings: Findings) -> Iterator[Piece]:
+        with path.open("rb") as file:
+            yield from read(without_blanks(file), selection, findings)
+
+    return reader
+
+
+def without_blanks(file: BinaryIO) -> BinaryIO:
+    """Skip blanks before the declaration of an XML, which has to be first."""
+    head = file.read(_HEAD)
+    text = head.removeprefix(codecs.BOM_UTF8).lstrip(b" \t\r\n")
+    skipped = len(head) - len(text) if text.startswith(b"<?xml") else 0
+    file.seek(0)
+    return cast(BinaryIO, _Later(file, skipped)) if skipped else file
+
+
+class _Later(io.RawIOBase):
+    """A file from a later byte on."""
+
+    def __init__(self, file: BinaryIO, begin: int) -> None:
+        self._file, self._begin = file, begin
+        file.seek(begin)
+
+    def readable(self) -> bool:
+        return True
+
+    def read(self, size: int = -1) -> bytes:
+        return self._file.read(size)
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        at = self._file.seek(offset + self._begin if whence == io.SEEK_SET else offset, whence)
+        return at - self._begin

@@ -1,13 +1,14 @@
-"""Reads a file with tracks, of any format, into pieces."""
+"""Every format of files with tracks; detects that of a file from its content, and reads it into pieces."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import codecs
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from webapp.missions.core.trajectory.axes import Axes
-from webapp.missions.files import (
+from webapp.errors import TrackError
+from webapp.missions.files.readers import (
+    ardupilot,
     csv_reader,
     fit,
     geojson_reader,
@@ -16,68 +17,109 @@ from webapp.missions.files import (
     kml_reader,
     nmea,
     rosbag,
+    rtklib,
     tcx,
     trajectory_text,
+    ulog,
 )
 from webapp.missions.files.track_chunks import Findings, Piece
-from webapp.missions.files.track_format import Kind
+from webapp.missions.files.track_format import Beginning, Selection, TrackFormat
 
-BAG_SUFFIXES: dict[Kind, str] = {
-    "ros1": ".bag",
-    "ros2-sqlite": ".db3",
-    "ros2-mcap": ".mcap",
-    "ros2-folder": "",
+FORMATS: dict[str, TrackFormat] = {
+    entry.name: entry
+    for entry in (
+        *rosbag.FORMATS,
+        gpx.FORMAT,
+        tcx.FORMAT,
+        *kml_reader.FORMATS,
+        geojson_reader.FORMAT,
+        fit.FORMAT,
+        ulog.FORMAT,
+        *ardupilot.FORMATS,
+        igc.FORMAT,
+        nmea.FORMAT,
+        rtklib.FORMAT,
+        *trajectory_text.FORMATS,
+        csv_reader.FORMAT,
+    )
 }
-"""Kinds of bags, and the suffixes of their files."""
+"""Formats by name, in the order in which they are listed, and in which a file is tried."""
+
+_WIDE = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
-@dataclass(frozen=True, slots=True)
-class Selection:
-    """What to read of a file."""
-
-    topics: tuple[str, ...] = ()  # Only these topics of a bag, or lines of a KML; empty for all
-    columns: str | None = None  # Meaning of the columns of a table; None to infer it
-    axes: Axes | None = None  # Axes of frames in TUM, KITTI and tables; None to detect them
+def called(entries: Iterable[TrackFormat]) -> list[str]:
+    """Return how lists of formats call them, each word once."""
+    return list(dict.fromkeys(entry.called for entry in entries))
 
 
-def read(path: Path, kind: Kind, *, selection: Selection, findings: Findings) -> Iterator[Piece]:
+def _sentence(entries: Iterable[TrackFormat], *, joint: str = "and") -> str:
+    *most, last = called(entries)
+    return f"{', '.join(most)} {joint} {last}" if most else last
+
+
+def listed() -> str:
+    """List all formats."""
+    return _sentence(FORMATS.values())
+
+
+def with_axes() -> str:
+    """List the formats whose axes can be chosen."""
+    return _sentence(entry for entry in FORMATS.values() if entry.has_axes)
+
+
+def accepted() -> str:
+    """Return the endings of files of all formats, as a page's file field takes them."""
+    return ",".join(dict.fromkeys(ending for entry in FORMATS.values() for ending in entry.endings))
+
+
+def kind_of(path: Path, *, table: bool = False) -> TrackFormat:
+    """Detect the format of a file, or of the folder of a ROS 2 bag.
+
+    Args:
+        table: Treat any text file as a table.
+
+    Raises:
+        TrackError: The file is not a track, cannot be read, or is XML that declares a document type.
+    """
+    try:
+        if path.is_dir():
+            return rosbag.folder_kind(path)
+        beginning = Beginning(path)
+    except OSError as error:
+        message = f"the file cannot be read: {error.strerror or error}"
+        raise TrackError(message, hint="check its path") from error
+    if not beginning.head:
+        raise TrackError("the file is empty")
+    if table and beginning.is_text and not beginning.head.startswith(_WIDE):
+        return csv_reader.FORMAT
+    for entry in FORMATS.values():
+        if beginning.root in entry.roots or entry.is_one(beginning):
+            return entry
+    raise _unknown(beginning)
+
+
+def _unknown(beginning: Beginning) -> TrackError:
+    hint = f"known are {listed()}"
+    if beginning.root:
+        roots = _sentence((e for e in FORMATS.values() if e.roots), joint="nor")
+        return TrackError(f"the XML is neither {roots}: it begins with <{beginning.root[:40]}>", hint=hint)
+    if beginning.head.startswith(_WIDE):
+        return TrackError("the file is UTF-16 text", hint="save it as UTF-8")
+    if not beginning.is_text:
+        return TrackError("this is not a file with a track", hint=hint)
+    return TrackError("the text has no known format", hint=hint)
+
+
+def read(path: Path, kind: str, *, selection: Selection, findings: Findings) -> Iterator[Piece]:
     """Yield the pieces of a file, before they are georeferenced.
 
     Args:
         path: A file, or the folder of a ROS 2 bag.
+        kind: Name of its format.
 
     Raises:
         TrackError: The file is damaged, or has no usable content.
         UsageError: The given columns do not fit the table.
     """
-    if kind in BAG_SUFFIXES:
-        suffix, topics = BAG_SUFFIXES[kind], selection.topics
-        yield from rosbag.read(path, suffix=suffix, wanted=topics, findings=findings)
-    elif kind == "kmz":
-        with kml_reader.opened_kml(path) as packed:
-            yield from kml_reader.read(packed, findings=findings, tracks=selection.topics)
-    else:
-        with path.open("rb") as file:
-            match kind:
-                case "gpx":
-                    yield from gpx.read(file, findings=findings)
-                case "kml":
-                    yield from kml_reader.read(file, findings=findings, tracks=selection.topics)
-                case "nmea":
-                    yield from nmea.read(file, findings=findings)
-                case "tcx":
-                    yield from tcx.read(file, findings=findings)
-                case "geojson":
-                    yield from geojson_reader.read(file, findings=findings)
-                case "fit":
-                    yield from fit.read(file, findings=findings)
-                case "igc":
-                    yield from igc.read(file, findings=findings)
-                case "tum" | "kitti":
-                    yield from trajectory_text.read(file, kind, findings=findings, axes=selection.axes)
-                case "csv":
-                    yield from csv_reader.read(
-                        file, columns=selection.columns, findings=findings, axes=selection.axes
-                    )
-                case _:
-                    raise AssertionError(f"no reader of {kind}")
+    yield from FORMATS[kind].read(path, selection, findings)

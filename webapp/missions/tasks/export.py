@@ -11,7 +11,7 @@ from webapp.files.exchange.zip_stream import ZipMember, stream_zip
 from webapp.missions.core.trajectory.outgoing import MissionExport
 from webapp.missions.files.csv_writer import format_objects_csv, format_poses_csv
 from webapp.missions.files.geojson_writer import format_mission_geojson
-from webapp.missions.files.gpx import format_mission_gpx
+from webapp.missions.files.gpx_writer import format_mission_gpx
 from webapp.missions.files.kml_writer import format_mission_kml, format_network_link
 from webapp.missions.files.trajectory_writer import format_kitti_zip, format_tum_zip
 from webapp.missions.store import missions, reading

@@ -18,6 +18,7 @@ from webapp.core.geometry.robust import GATE_2D
 from webapp.errors import NotFound, UsageError
 from webapp.files.atomic import write_text
 from webapp.missions.core.trajectory.fusion import MOST_POSES, Fusion, NoFusion, fuse
+from webapp.missions.core.trajectory.planned import is_planned_track
 from webapp.missions.core.trajectory.records import Poses, Source, join
 from webapp.missions.core.trajectory.smoother import mean_distance_bounds
 from webapp.missions.store import missions, tracks
@@ -80,7 +81,8 @@ def fuse_mission(library: Library, mission_id: int, *, write: Write, progress: P
     with library.database.read() as session:
         session.get_one(Mission, mission_id)
         found = [track for track in tracks.list_tracks(session, mission_id) if track.timed]
-        reckoned = max((t for t in found if t.source == "odometry"), key=lambda t: t.distance_m, default=None)
+        driven = [t for t in found if t.source == "odometry" and not is_planned_track(t.name)]
+        reckoned = max(driven, key=lambda t: t.distance_m, default=None)
         odometry = None if reckoned is None else _read(session, reckoned)[0]
         fixed = {source: f for source in _FIXES if (f := _fixes(session, found, source)) is not None}
     progress.size(3)

@@ -24,7 +24,8 @@ from webapp.files.gate import budget_for
 from webapp.missions.core.trajectory.records import Sighting, Source
 from webapp.missions.core.trajectory.robotframe import Start
 from webapp.missions.files.track_chunks import Findings, Skipped
-from webapp.missions.files.track_format import TITLES, Kind, kind_of
+from webapp.missions.files.track_format import TrackFormat
+from webapp.missions.files.track_reader import FORMATS, kind_of
 from webapp.missions.store import batches, missions, tracks
 from webapp.missions.store.schema import Mission, MissionSender, Track
 from webapp.missions.tasks import read_track
@@ -41,7 +42,7 @@ _AT_ONCE = 8192
 
 _MAX_NAME = 200
 _BLOCK = 1 << 20
-_NUMBERED = re.compile(r"(waypoint|placemark|point) ")
+_NUMBERED = re.compile(f"({'|'.join({entry.numbered for entry in FORMATS.values() if entry.numbered})}) ")
 """Matches ids that readers generate; the file's name is prefixed to make them unique across files."""
 
 Part = TrackSegment | tuple[Sighting, ...]
@@ -122,6 +123,8 @@ def import_track_file(
             given = order.options.start
             mission.start = {**given.position._asdict(), "heading_deg": given.heading_deg}
         stored = _stored(session, mission_id, key)
+        if ids.keys() != survey.tracks.keys():  # an older version imported it, and divided it otherwise
+            stored = max(stored, survey.parts)
     progress.size(survey.records)
     progress.note("storing")
     for first, group in _groups(_parts(order, progress, limits=limits), stored):
@@ -135,7 +138,7 @@ def import_track_file(
     with library.database.read() as session:
         found = [session.get_one(Track, id) for id in ids.values()]
         made = tuple(ImportedTrack(t.id, t.source, t.name, t.poses, t.skipped, t.distance_m) for t in found)
-    kind = TITLES[survey.kind]
+    kind = survey.kind.title
     new = stored < survey.parts
     return TrackImport(
         mission_id,
@@ -153,7 +156,7 @@ def import_track_file(
 class _Survey:
     """Content of a file."""
 
-    kind: Kind
+    kind: TrackFormat
     tracks: dict[Key, bool]
     """Tracks, and whether they have times."""
     parts: int

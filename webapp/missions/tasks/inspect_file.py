@@ -15,15 +15,14 @@ from webapp.files.exchange.times import utc
 from webapp.files.gate import Budget
 from webapp.missions.core.trajectory.robotframe import Anchor, anchor_of
 from webapp.missions.core.trajectory.thinning import MinMove
-from webapp.missions.files.csv_table import TableHead, table_head
+from webapp.missions.files.readers import csv_reader
+from webapp.missions.files.readers.csv_table import TableHead, table_head
 from webapp.missions.files.track_chunks import Findings, Piece, RobotPiece, Skipped, WorldPiece
-from webapp.missions.files.track_format import TITLES
 from webapp.missions.tasks.place_track import ReadOptions, TrackPlacer, TrackSegment
 from webapp.missions.tasks.read_track import about_file, file_kind, file_pieces
 from webapp.progress import Progress
 
 NEEDS_START = "a track in the robot's own frame needs a start position and heading to be imported"
-_WITH_AXES = ("tum", "kitti", "csv")
 _PREVIEW = 400
 """Minimum number of points of a preview line, if the source has as many; the maximum is twice that."""
 
@@ -93,9 +92,9 @@ def inspect_file(
     progress, findings = progress or Progress(), Findings()
     with about_file(path):
         kind = file_kind(path, options)
-        head = table_head(path, options.columns) if kind == "csv" else None
+        head = table_head(path, options.columns) if kind is csv_reader.FORMAT else None
         if head is not None and head.problem:
-            return FileReport(TITLES[kind], (), 0, (), (), (), ("columns",), head, head.problem)
+            return FileReport(kind.title, (), 0, (), (), (), ("columns",), head, head.problem)
         placer = TrackPlacer(options, findings, time.time() if now_s is None else now_s)
         found: dict[tuple[str, str, str], _Gathered] = {}
         anchors: dict[str, Anchor] = {}
@@ -109,9 +108,9 @@ def inspect_file(
     problem = "" if sources or objects else findings.nothing_usable()
     doubts, notes = findings.doubts(), tuple(findings.notes)
     in_metres = any(source.frame == "robot" for source in sources)
-    may = (("columns", head is not None), ("axes", in_metres and kind in _WITH_AXES))
+    may = (("columns", head is not None), ("axes", in_metres and kind.has_axes))
     return FileReport(
-        TITLES[kind],
+        kind.title,
         sources,
         objects,
         findings.skipped(),

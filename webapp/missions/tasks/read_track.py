@@ -16,10 +16,10 @@ from webapp.errors import ExpMapError, TrackError
 from webapp.files.gate import Budget
 from webapp.missions.core.trajectory.records import Poses, Sighting, Source, join
 from webapp.missions.files import guarded_reader
-from webapp.missions.files.rosbag import Topic
+from webapp.missions.files.readers.rosbag import Topic
 from webapp.missions.files.track_chunks import Findings, Piece, Skipped
-from webapp.missions.files.track_format import TITLES, Kind, kind_of
-from webapp.missions.files.track_reader import BAG_SUFFIXES, Selection
+from webapp.missions.files.track_format import Selection, TrackFormat
+from webapp.missions.files.track_reader import kind_of
 from webapp.missions.tasks.place_track import ReadOptions, TrackPlacer, TrackSegment, one_line
 from webapp.progress import Progress
 
@@ -81,7 +81,7 @@ def read_track(
         )
         for (source, name), track in parts.items()
     )
-    kind = TITLES[file_kind(path, options or ReadOptions())]
+    kind = file_kind(path, options or ReadOptions()).title
     notes = tuple(findings.notes)
     return ReadReport(kind, tracks, tuple(sightings), findings.skipped(), findings.doubts(), notes)
 
@@ -94,8 +94,8 @@ def topics(path: Path) -> list[Topic]:
     """
     with about_file(path):
         kind = kind_of(path)
-        if kind not in BAG_SUFFIXES:
-            raise TrackError(f"only bags have topics, this is {TITLES[kind]}")
+        if kind.suffix is None:
+            raise TrackError(f"only bags have topics, this is {kind.title}")
         return guarded_reader.topics(path, kind)
 
 
@@ -164,7 +164,7 @@ def file_pieces(
     )
 
 
-def file_kind(path: Path, options: ReadOptions) -> Kind:
+def file_kind(path: Path, options: ReadOptions) -> TrackFormat:
     """Detect the format of a file; with `columns` it is a table. Raises as `kind_of`."""
     return kind_of(path, table=options.columns is not None)
 

@@ -14,7 +14,7 @@ from flask import request
 from webapp.files.part_file import receive
 from webapp.missions.core.trajectory.axes import AXES
 from webapp.missions.core.trajectory.records import SOURCES
-from webapp.missions.files.track_format import kind_of
+from webapp.missions.files.track_reader import kind_of, listed, with_axes
 from webapp.missions.tasks.import_order import order_of, waiting_path
 from webapp.missions.web.context import mission_role, open_mission
 from webapp.store.operate import jobs
@@ -47,7 +47,7 @@ class ReadOptionsIn(Schema):
     axes = String(
         load_default="",
         validate=OneOf(("", *AXES)),
-        metadata={"description": "Of a frame in TUM, KITTI or CSV; by default detected."},
+        metadata={"description": f"Of a frame in {with_axes()}; by default detected."},
     )
 
 
@@ -56,10 +56,7 @@ class TrackFileIn(ReadOptionsIn):
 
     file = File(
         required=True,
-        metadata={
-            "description": "A ROS 1 bag, ROS 2 bag (.db3, .mcap), GPX, TCX, KML, KMZ, GeoJSON, FIT, IGC, "
-            "NMEA, TUM, KITTI or CSV."
-        },
+        metadata={"description": "Of one of the formats that are recognised by their content."},
     )  # type: ignore[no-untyped-call]
     min_move = String(
         load_default="",
@@ -99,8 +96,9 @@ def limit_parts() -> None:
 @blueprint.input(TrackFileIn, location="form_and_files", arg_name="given")
 @blueprint.output(TrackJobOut, status_code=202)
 @blueprint.doc(
-    description="The kind of the file is detected from its content. A file without a track is refused at "
-    "once, other errors fail the job. The same file again, read in the same way, stores nothing twice."
+    description=f"The kind of the file is detected from its content: {listed()}. A file without a track is "
+    "refused at once, other errors fail the job. The same file again, read in the same way, stores nothing "
+    "twice."
 )
 def import_file(mission_id: int, given: dict[str, Any]) -> dict[str, int]:
     """Import a file with tracks and objects."""

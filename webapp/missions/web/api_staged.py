@@ -20,7 +20,7 @@ from webapp.files.gate import budget_for
 from webapp.files.lock import exclusive, one_of
 from webapp.files.part_file import WrongOffset, append, one_at_a_time
 from webapp.missions.core.trajectory.records import SOURCES
-from webapp.missions.files.track_format import kind_of
+from webapp.missions.files.track_reader import kind_of
 from webapp.missions.store import missions
 from webapp.missions.tasks import staged_file
 from webapp.missions.tasks.import_order import order_of

@@ -8,7 +8,9 @@ from apiflask import APIBlueprint
 from flask import Blueprint, Response, render_template
 
 from webapp.errors import NotFound
+from webapp.extras import is_installed
 from webapp.missions.core.trajectory.symbols import SYMBOLS, svg_path
+from webapp.missions.files.track_reader import FORMATS, accepted, called
 from webapp.missions.store import missions, shares
 from webapp.missions.store.shares import OpenedMission
 from webapp.missions.tasks.covering_maps import covering_maps
@@ -66,7 +68,8 @@ def show(mission_id: int) -> str:
     with library().database.read() as session:
         role = missions.role_of(session, mission, account=who)
         below = [{"slug": one.slug, "name": one.name} for one in covering_maps(session, mission, account=who)]
-    page = {"id": mission.id, "services": [*map(service_json, configured_layers())], "maps": below, **_SIGNS}
+    services = [*map(service_json, configured_layers())]
+    page = {"id": mission.id, "services": services, "maps": below, "formats": _formats(), **_SIGNS}
     return render_template("missions/show.html", mission=mission, role=role, page=page)
 
 
@@ -75,7 +78,20 @@ def _list(*, binned: bool) -> str:
     with library().database.read() as session:
         found = [{"slug": record.slug, "name": record.name} for record in maps.list_maps(session, who)]
         in_bin = missions.count_binned(session, who)
-    return render_template("missions/index.html", page={"maps": found, "binned": binned}, in_bin=in_bin)
+    page = {"maps": found, "binned": binned, "formats": _formats()}
+    return render_template("missions/index.html", page=page, in_bin=in_bin, unreadable=_unreadable())
+
+
+def _formats() -> dict[str, str]:
+    """Return what the import dialog tells and accepts."""
+    readable = (entry for entry in FORMATS.values() if not entry.needs or is_installed(entry.needs))
+    return {"accept": accepted(), "names": ", ".join(called(readable))}
+
+
+def _unreadable() -> dict[str, str]:
+    """Return the extras that are not installed, and the formats that need each."""
+    missing = sorted({e.needs for e in FORMATS.values() if e.needs and not is_installed(e.needs)})
+    return {need: ", ".join(called(e for e in FORMATS.values() if e.needs == need)) for need in missing}
 
 
 @public_pages.get("")

@@ -6,7 +6,7 @@
  */
 
 import { busy, errorLine, field, openDialog } from "../../shared/dialogs.js";
-import { h, icon, queryAll } from "../../shared/dom.js";
+import { byId, h, icon, queryAll } from "../../shared/dom.js";
 import { t } from "../../shared/i18n.js";
 import { toastError } from "../../shared/toast.js";
 import { fileEndpoints } from "../endpoints.js";
@@ -17,8 +17,8 @@ import { StagedFile } from "./staged-file.js";
 import { startFields } from "./start-fields.js";
 import { StartPose } from "./start-pose.js";
 
-/** File types of the file dialog. */
-export const ACCEPT = ".bag,.mcap,.db3,.gpx,.tcx,.fit,.igc,.geojson,.json,.nmea,.nma,.kml,.kmz,.csv,.txt,.tum,.kitti,.zip,.log";
+/** What the page says about the formats of files: endings, and names for people. */
+const { formats } = JSON.parse(byId("page").textContent);
 const STEPS = ["files", "contents", "result"];
 const OPEN = new Set(["sending", "reading"]);
 
@@ -75,8 +75,8 @@ class Wizard {
   }
 
   _build() {
-    const about = t("Bags of ROS 1 and ROS 2, MCAP, GPX, TCX, FIT, IGC, NMEA, KML, KMZ, GeoJSON, TUM, KITTI and CSV.");
-    this._input = h("input", { class: "input", type: "file", multiple: true, accept: ACCEPT, "data-testid": "track-file" });
+    const about = t("Recognised by their content: {formats}.", { formats: formats.names });
+    this._input = h("input", { class: "input", type: "file", multiple: true, accept: formats.accept, "data-testid": "track-file" });
     this._input.addEventListener("change", () => this._take([...this._input.files]));
     this._steps = h("ol", { class: "im-steps small" });
     this._error = errorLine();

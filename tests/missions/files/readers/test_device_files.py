@@ -5,14 +5,17 @@ import json
 import math
 import struct
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from webapp.errors import TrackError
 from webapp.files.exchange.times import unix_time
-from webapp.missions.files import fit, geojson_reader, igc, tcx
+from webapp.missions.files.readers import fit, geojson_reader, igc, rtklib, tcx
+from webapp.missions.files.readers.gps_time import utc_from_gps
 from webapp.missions.files.track_chunks import NO_TIME, UNTIMED, Findings, WorldObjects, WorldPiece
+from webapp.missions.files.track_reader import kind_of
 
 FIT_EPOCH = 631_065_600
 SEMICIRCLES = 2**31 / 180.0
@@ -66,6 +69,15 @@ def test_the_records_of_a_fit_are_a_track() -> None:
     for damaged in (data[:-20], data[:30] + b"\xff" + data[31:]):
         with pytest.raises(TrackError, match="the FIT file is damaged"):
             read(fit.read, damaged)
+
+
+def test_each_file_of_a_chain_is_a_track() -> None:
+    first, second = ([(1_700_000_000 + day, 50.0, 14.0, 200.0)] for day in (0, 86_400))
+    pieces, _ = read(fit.read, fit_file(first) + fit_file(second))
+    assert [(piece.track, piece.poses.times_s[0]) for piece in pieces] == [
+        ("part 1", 1_700_000_000.0),
+        ("part 2", 1_700_086_400.0),
+    ]
 
 
 def test_a_fit_that_is_too_large_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -235,3 +247,108 @@ def test_odd_geometries_are_left_out(geometry: object) -> None:
     pieces, findings = read(geojson_reader.read, json.dumps({"type": "Feature", "geometry": geometry}))
     assert not pieces
     assert findings.skipped()
+
+
+CRS = [
+    {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::25833"}},
+    {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG:6.9:25833"}},
+    {"type": "name", "properties": {"name": "http://www.opengis.net/def/crs/EPSG/0/25833"}},
+    {"type": "name", "properties": {"name": "EPSG:25833"}},
+    {"type": "EPSG", "properties": {"code": 25833}},
+]
+
+
+@pytest.mark.parametrize("crs", CRS)
+def test_a_geojson_in_another_coordinate_system_is_transformed(crs: object) -> None:
+    line = {"type": "LineString", "coordinates": [[458000, 5550000, 200], [458010, 5550000]]}
+    one = {"type": "Feature", "geometry": line, "properties": {}}
+    collection = {"type": "FeatureCollection", "crs": crs, "features": [one]}
+    for document in (collection, {**one, "crs": crs}, {**line, "crs": crs}):
+        (piece,), findings = read(geojson_reader.read, json.dumps(document))
+        assert piece.poses.latlon[0] == pytest.approx([50.100770, 14.412727], abs=1e-6)
+        assert piece.poses.height_m[0] == 200.0
+        assert findings.notes[0] == "positions were transformed from EPSG:25833, ETRS89 / UTM zone 33N"
+
+
+def test_web_mercator_and_wgs84_by_name() -> None:
+    for name, x, y in (("urn:ogc:def:crs:EPSG::3857", 1603000.67, 6463000.0), ("OGC:CRS84", 14.4, 50.1)):
+        crs = {"type": "name", "properties": {"name": name}}
+        text = json.dumps({"type": "LineString", "coordinates": [[x, y]], "crs": crs})
+        (piece,), _ = read(geojson_reader.read, text)
+        assert piece.poses.latlon[0] == pytest.approx([50.1, 14.4], abs=0.01)
+
+
+@pytest.mark.parametrize(
+    "crs",
+    [
+        {"type": "link", "properties": {"href": "http://example.com/crs/42", "type": "proj4"}},
+        {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::999999"}},
+        {"type": "name", "properties": {"name": "+proj=utm +zone=33 +nadgrids=/etc/passwd"}},
+    ],
+)
+def test_an_unknown_coordinate_system_is_refused_by_name(crs: dict[str, dict[str, str]]) -> None:
+    text = json.dumps({"type": "Point", "coordinates": [1, 2], "crs": crs})
+    named = crs["properties"].get("name") or crs["properties"]["href"]
+    with pytest.raises(TrackError, match="coordinate system") as error:
+        read(geojson_reader.read, text)
+    assert named in error.value.message
+
+
+def test_a_sequence_of_features_is_read_to_where_it_was_cut() -> None:
+    features = [
+        json.dumps(feature("Point", [14, 50 + n], properties={"time": f"2026-05-01T10:00:0{n}Z"}))
+        for n in range(3)
+    ]
+    for text in ("\n".join(features), "".join(f"\x1e{one}\n" for one in features), " ".join(features)):
+        (piece,), findings = read(geojson_reader.read, text)
+        assert (len(piece.poses), piece.timed) == (3, True)
+        assert not findings.skipped()
+    (piece,), findings = read(geojson_reader.read, "\n".join(features)[:-5])
+    assert len(piece.poses) == 2
+    assert [one.reason for one in findings.skipped()] == ["features that are cut off"]
+
+
+RTKLIB = """% program   : RTKPOST ver.2.4.3
+%  {head}  Q  ns   sdn(m)   sde(m)   sdu(m)  sdne(m)  sdeu(m)  sdun(m) age(s)  ratio
+{row}   1   9   0.0300   0.0200   0.0400  -0.0100   0.0020   0.0030   0.00  999.9
+"""
+
+
+@pytest.mark.parametrize(
+    ("head", "row"),
+    [
+        ("GPST latitude(deg) longitude(deg) height(m)", "2026/05/01 10:00:18.500 -50.1 14.4 230.0"),
+        ("UTC latitude(deg) longitude(deg) height(m)", "2026/05/01 10:00:00.500 -50.1 14.4 230.0"),
+        ("JST latitude(deg) longitude(deg) height(m)", "2026/05/01 19:00:00.500 -50.1 14.4 230.0"),
+        ("GPST latitude(deg) longitude(deg) height(m)", "2416 468018.500 -50.1 14.4 230.0"),
+        (
+            "GPST latitude(d'\") longitude(d'\") height(m)",
+            "2026/05/01 10:00:18.500 -50 6 0.0 14 24 0.0 230.0",
+        ),
+    ],
+)
+def test_a_solution_of_rtklib(head: str, row: str) -> None:
+    (piece,), _ = read(rtklib.read, RTKLIB.format(head=head, row=row))
+    assert piece.poses.times_s.tolist() == [unix_time("2026-05-01T10:00:00.5Z")]
+    assert [*piece.poses.latlon[0], piece.poses.height_m[0]] == pytest.approx([-50.1, 14.4, 230.0])
+    assert piece.poses.covariance_m2[0].tolist() == pytest.approx([4e-4, 9e-4, -1e-4]), "to the east first"
+
+
+def test_leap_seconds_are_those_of_the_day() -> None:
+    for day, ahead in (("2026-05-01", 18), ("2016-12-31", 17), ("2010-01-01", 15), ("1999-06-01", 13)):
+        assert utc_from_gps(unix_time(f"{day}T12:00:00Z") + ahead) == unix_time(f"{day}T12:00:00Z")
+
+
+def test_a_solution_in_other_coordinates_or_with_bad_lines() -> None:
+    with pytest.raises(TrackError, match="x-ecef, not latitude and longitude"):
+        read(rtklib.read, RTKLIB.format(head="GPST x-ecef(m) y-ecef(m) z-ecef(m)", row="1 2 3 4 5"))
+    head, row = "GPST latitude(deg) longitude(deg) height(m)", "2026/05/01 10:00:18 50 14 230"
+    (piece,), findings = read(rtklib.read, RTKLIB.format(head=head, row=row) + "2026/05/01 10:00:19 5\n")
+    assert len(piece.poses) == 1
+    assert [one.reason for one in findings.skipped()] == ["lines that are no solution"]
+
+
+def test_an_igc_without_its_first_record_is_recognised(tmp_path: Path) -> None:
+    path = tmp_path / "flight"
+    path.write_text("HFDTE010526\nHFPLTPILOT:x\nB1000005006000N01424000EA0020000230\n")
+    assert kind_of(path).name == "igc"

@@ -9,11 +9,12 @@ from lz4.frame import LZ4FrameDecompressor
 from benchmarks import hostile_files
 from webapp.errors import TrackError
 from webapp.files.gate import Budget
-from webapp.missions.files import bag_limits, guarded_reader, rosbag
-from webapp.missions.files.bag_limits import MAX_CHUNK, unpacked
+from webapp.missions.files import guarded_reader
+from webapp.missions.files.readers import bag_limits, rosbag
+from webapp.missions.files.readers.bag_limits import MAX_CHUNK, unpacked
 from webapp.missions.files.track_chunks import Findings
-from webapp.missions.files.track_format import kind_of
-from webapp.missions.files.track_reader import Selection
+from webapp.missions.files.track_format import Selection
+from webapp.missions.files.track_reader import kind_of
 from webapp.progress import Progress
 
 SMALL = Budget(memory_mb=300, cpu_s=5, wait_s=60)
@@ -52,6 +53,10 @@ def saved(tmp_path):
         ("kmz", HUGE, "claims to hold"),
         ("fit", 9_000_000, "messages without content"),
         ("nested", 1_000_000, "nested more than"),
+        ("ulog nested", 0, "nested more than"),
+        ("ulog empty", HUGE, "messages without content"),
+        ("dataflash", HUGE, "damaged at more than"),
+        ("tlog", HUGE, "damaged at more than"),
     ],
 )
 def test_bombs_are_refused_at_once(saved, kind, size, message):
@@ -128,7 +133,7 @@ def test_a_file_that_takes_too_much_memory_is_one_clear_error(saved):
 
 def test_the_head_of_an_xml_file_is_all_that_its_kind_takes(saved):
     data = hostile_files.gpx(2_000_000).replace(b"<trk>", b"<!-- " + b"x" * 2_000_000 + b" --><trk>")
-    assert kind_of(saved("a.gpx", data)) == "gpx"
+    assert kind_of(saved("a.gpx", data)).name == "gpx"
     with pytest.raises(TrackError, match="the XML is damaged"):
         kind_of(saved("b.gpx", b"<!-- " + b"x" * 2_000_000 + b" -->" + data))
 

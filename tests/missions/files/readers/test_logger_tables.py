@@ -8,7 +8,7 @@ import pytest
 
 from webapp.errors import UsageError
 from webapp.files.exchange.times import unix_time
-from webapp.missions.files import csv_reader
+from webapp.missions.files.readers import csv_reader
 from webapp.missions.files.track_chunks import (
     BAD_COVARIANCE,
     FEW_TIMES,

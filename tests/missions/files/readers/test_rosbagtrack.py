@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from webapp.errors import TrackError
-from webapp.missions.files import rosbag
+from webapp.missions.files.readers import rosbag
 from webapp.missions.files.track_chunks import Findings, RobotObjects, RobotPiece, WorldPiece
 
 KINDS = pytest.mark.parametrize(
@@ -177,13 +177,88 @@ def test_transforms_to_the_robot_are_a_track_where_nothing_else_says_it_or_if_as
     ]
     path = m.bag(tmp_path / f"one{suffix if ros1 else ''}", messages, mcap=mcap)
     first, second = read(path, suffix)[0]
-    assert (first.track, first.source, first.frame, first.body) == ("/tf", "odometry", "odom", "base_link")
+    assert (first.track, first.source) == ("/tf odom base_link", "odometry")
+    assert (first.frame, first.body) == ("odom", "base_link")
     assert first.poses.times_s.tolist() == [99.5] and first.poses.xyz_m.tolist() == [[1.0, 2.0, 0.0]]
     assert first.poses.yaw_rad[0] == pytest.approx(0.5)
+    assert second.track == "/tf robot/odom robot/base_footprint"
     assert (second.frame, second.body) == ("robot/odom", "robot/base_footprint")
     both = [*messages, ("/odom", 100.3, m.odometry(99.5, m.pose(1.0)))]
     path = m.bag(tmp_path / f"two{suffix if ros1 else ''}", both, mcap=mcap)
     pieces, findings = read(path, suffix)
     assert [piece.track for piece in pieces] == ["/odom"]
     assert [(s.where, s.count) for s in findings.skipped()] == [("/tf", 3)]
-    assert [piece.track for piece in read(path, suffix, ("/tf",))[0]] == ["/tf", "/tf"]
+    assert len(read(path, suffix, ("/tf",))[0]) == 2
+
+
+@KINDS
+def test_each_of_several_robots_is_a_track(ros, tmp_path, ros1, mcap, suffix) -> None:
+    m = ros(ros1)
+    messages = [
+        (
+            "/tf",
+            100.0 + n,
+            m.transforms([(100.0 + n, f"r{k}/odom", f"r{k}/base_link", m.pose(n + 100.0 * k))]),
+        )
+        for n in range(10)
+        for k in (1, 2)
+    ]
+    pieces, findings = read(m.bag(tmp_path / f"r{suffix if ros1 else ''}", messages, mcap=mcap), suffix)
+    assert [piece.track for piece in pieces] == [f"/tf r{k}/odom r{k}/base_link" for k in (1, 2)]
+    assert [piece.poses.xyz_m[:, 0].tolist() for piece in pieces] == [
+        [float(n + 100 * k) for n in range(10)] for k in (1, 2)
+    ]
+    assert findings.notes == ["/tf has poses in several frames: each is a track of its own"]
+    only = [(topic, at, message) for n, (topic, at, message) in enumerate(messages) if n % 2]
+    pieces, _ = read(m.bag(tmp_path / f"o{suffix if ros1 else ''}", only, mcap=mcap), suffix)
+    assert [piece.track for piece in pieces] == ["/tf"]
+
+
+def test_frames_of_a_topic_of_poses_are_tracks_too(ros, tmp_path) -> None:
+    m = ros(True)
+    messages = [
+        ("/pose", 1.0 + n, m.stamped(1.0 + n, m.pose(float(n)), ("map", "/odom")[n % 2])) for n in range(6)
+    ]
+    pieces, _ = read(m.bag(tmp_path / "f.bag", messages), ".bag")
+    assert [(piece.track, len(piece.poses)) for piece in pieces] == [("/pose", 3), ("/pose odom", 3)]
+
+
+PLANS = [
+    "/plan",
+    "/robot1/local_plan",
+    "/goal_pose",
+    "/move_base_simple/goal",
+    "/initialpose",
+    "/setpoint/raw",
+]
+
+
+@pytest.mark.parametrize("topic", PLANS)
+def test_planned_poses_are_not_odometry(ros, tmp_path, topic) -> None:
+    m = ros(True)
+    plan = m.path([m.stamped(1.0 + n, m.pose(100.0 * n)) for n in range(4)])
+    stamped = m.stamped(1.0, m.pose(900.0))
+    transform = ("/tf", 1.0, m.transforms([(1.0, "odom", "base_link", m.pose(1.0))]))
+    messages = [(topic, 2.0, plan if topic.endswith("plan") else stamped)]
+    path = m.bag(tmp_path / "p.bag", [transform, *messages])
+    pieces, findings = read(path, ".bag")
+    assert [piece.track for piece in pieces] == ["/tf"], "the plan does not replace the transforms"
+    assert [(one.reason, one.where, one.count) for one in findings.skipped()] == [(rosbag.PLANNED, topic, 1)]
+    assert {piece.track for piece in read(path, ".bag", (topic,))[0]} == {topic}, "if asked for"
+    with pytest.raises(TrackError, match="no topic with poses") as error:
+        read(m.bag(tmp_path / "only.bag", messages), ".bag")
+    assert topic in error.value.hint
+
+
+def test_a_definition_that_nobody_understands_does_no_harm_if_it_is_not_used(ros, tmp_path) -> None:
+    m = ros(False)
+    quaternion = m.pose(1.0).orientation
+    path = m.bag(
+        tmp_path / "bag", [("/fix", 1.0, m.fix(1.0, 50.0, 14.0)), ("/q", 1.0, quaternion)], mcap=True
+    )
+    data = path.read_bytes()
+    assert data.count(b"float64 w") == 2, "in the data and in the summary"
+    path.write_bytes(data.replace(b"float64 w", b"flo!t64&w"))
+    pieces, findings = read(path, ".mcap")
+    assert [piece.track for piece in pieces] == ["/fix"]
+    assert [one.where for one in findings.skipped()] == ["/q"]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from webapp.errors import TrackError
 from webapp.files.exchange.times import unix_time
-from webapp.missions.files import csv_reader, nmea, trajectory_text
+from webapp.missions.files.readers import csv_reader, nmea, trajectory_text
 from webapp.missions.files.track_chunks import (
     UNTIMED,
     Findings,
@@ -86,6 +86,74 @@ def test_what_is_left_out_of_a_log_is_counted() -> None:
     assert counts["times without a position"][0] == 1
     assert counts["sentences without a time"][0] == 1
     assert counts["sentences that cannot be read"][0] == 1
+
+
+GGA = "GPGGA,12000{},5005.100,{},01424.200,{},{},08,0.9,245.4,M,46.9,M,,"
+RMC = "{}RMC,12000{},A,{},N,01424.200,E,1.0,0.0,230324,,,{}"
+
+
+@pytest.mark.parametrize(
+    ("bad", "reason"),
+    [
+        (sentence(GGA.format(1, "", "E", 1)), "positions without N or S, or without E or W"),
+        (sentence(GGA.format(1, "N", "", 1)), "positions without N or S, or without E or W"),
+        (sentence(GGA.format(1, "N", "E", 6)), "positions that the receiver estimated without satellites"),
+        (sentence(GGA.format(1, "N", "E", 8)), "positions that were simulated or entered by hand"),
+        (sentence(RMC.format("GP", 1, "5005.100", "N")), "fixes marked invalid by the receiver"),
+        (sentence("GNGNS,120001,5005.1,N,01424.2,E,NN,00,9.9,,,,"), "fixes marked invalid by the receiver"),
+        (sentence(GGA.format(1, "N", "E", 1).replace("5005", "5065")), "sentences that cannot be read"),
+        ("$GPRMC,120001,A,5005.100,N,01424.200\r\n", "sentences that are cut off"),
+        ("$GPRMC,120001,A,5005.100,N,014\r\n", "sentences that are cut off"),
+        ("$GPRMC,120001,A,5005.100,N,01424.200,E,1.0,0.0,230324,,,A\r\n", "sentences that are cut off"),
+    ],
+)
+def test_sentences_without_a_whole_position_are_left_out_and_counted(bad: str, reason: str) -> None:
+    good = sentence(RMC.format("GP", 0, "5005.100", "A")) + sentence(RMC.format("GP", 2, "5005.200", "A"))
+    (piece,), findings = read_nmea(good + bad)
+    assert piece.poses.latlon[:, 0] == pytest.approx([50 + 5.1 / 60, 50 + 5.2 / 60])
+    assert [(one.reason, one.count) for one in findings.skipped()] == [(reason, 1)]
+
+
+def test_lower_case_other_line_ends_and_text_after_the_checksum_do_no_harm() -> None:
+    text = sentence("GPRMC,120000,A,5005.100,n,01424.200,e,1.0,0.0,230324,,,A")
+    for end in ("\r", "\n", ",1777629600000\r\n", " 12:00:01\r"):
+        pieces, findings = read_nmea(text.replace("\r\n", end) * 3000)
+        assert pieces[0].poses.latlon[0] == pytest.approx([50 + 5.1 / 60, 14 + 24.2 / 60])
+        assert not findings.skipped()
+
+
+def test_gns_alone_is_enough() -> None:
+    text = sentence("GNGNS,120001,5005.1,N,01424.2,E,AAN,12,0.8,245.4,46.9,,")
+    (piece,), _ = read_nmea(text)
+    assert piece.poses.height_m.tolist() == [245.4]
+
+
+def test_fixes_from_before_the_receiver_knew_the_date_are_left_out() -> None:
+    early = "".join(
+        sentence(f"GPGGA,00000{n},5005.1,N,01424.2,E,1,08,0.9,245.4,M,46.9,M,,")
+        + sentence(f"GPRMC,00000{n},{state},5005.1,N,01424.2,E,1.0,0.0,060180,,,A")
+        for n, state in enumerate("VVA")
+    )
+    late = "".join(sentence(RMC.format("GP", n, "5005.100", "A")) for n in range(3))
+    (piece,), findings = read_nmea(early + late)
+    assert piece.poses.times_s.tolist() == [moment(2024, 3, 23, 12, 0, n) for n in range(3)]
+    assert findings.skipped()[0].reason == "fixes from before the receiver knew the date"
+    assert findings.skipped()[0].count == 3
+    (piece,), findings = read_nmea(early)
+    assert findings.notes == ["the receiver did not know the date: times count from 1980-01-06"]
+
+
+def test_two_receivers_in_one_log_are_two_tracks() -> None:
+    pairs = [
+        sentence(RMC.format("GP", n, f"5005.10{n}", "A")) + sentence(RMC.format("GN", n, f"5006.10{n}", "A"))
+        for n in range(5)
+    ]
+    pieces, findings = read_nmea("".join(pairs))
+    assert [(piece.track, len(piece.poses)) for piece in pieces] == [("GP", 5), ("GN", 5)]
+    assert [piece.poses.latlon[0, 0] for piece in pieces] == pytest.approx([50 + 5.1 / 60, 50 + 6.1 / 60])
+    assert findings.notes == ["the fixes of several receivers are separate: GN, GP"]
+    one_after_the_other = "".join(pair.split("\r\n")[n >= 3] + "\r\n" for n, pair in enumerate(pairs))
+    assert len(read_nmea(one_after_the_other)[0]) == 1, "a receiver may change its talker"
 
 
 def read_text(text: str, layout: trajectory_text.Layout) -> tuple[list[RobotPiece], Findings]:

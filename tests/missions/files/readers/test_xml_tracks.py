@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 
 from webapp.errors import TrackError
-from webapp.missions.files import gpx, kml_reader, line_buffer, track_chunks
-from webapp.missions.files.kml_reader import opened_kml
+from webapp.missions.files import track_chunks
+from webapp.missions.files.readers import gpx, kml_reader, line_buffer
+from webapp.missions.files.readers.kml_reader import opened_kml
 from webapp.missions.files.track_chunks import NO_TIME, UNTIMED_OBJECTS, Findings, WorldObjects, WorldPiece
+from webapp.missions.files.track_format import Selection
+from webapp.missions.files.track_reader import kind_of
 
 GPX = """<gpx xmlns="http://www.topografix.com/GPX/1/1"><metadata><time>2024-03-23T12:00:00Z</time></metadata>
 <wpt lat="50.1" lon="14.2"><ele>200</ele><name>bin  A</name><type>bin</type></wpt>
@@ -189,3 +192,39 @@ def test_the_first_place_of_a_reason_is_kept() -> None:
     findings.skip("a", where="line 9", count=4)
     findings.skip("b", where="line 1", count=0)
     assert findings.skipped() == (track_chunks.Skipped("a", 5, "line 3"),)
+
+
+def network_link(href: str) -> str:
+    return f"<NetworkLink><Link><href>{href}</href></Link></NetworkLink>"
+
+
+def line_of(name: str, lat: float) -> str:
+    text = f"<LineString><coordinates>14,{lat} 14.1,{lat}</coordinates></LineString>"
+    return f"<Placemark><name>{name}</name>{text}</Placemark>"
+
+
+def test_documents_in_a_kmz_are_read_where_it_links_to_them(tmp_path: Path) -> None:
+    path = tmp_path / "a.kmz"
+    links = ["parts/one%20day.kml#top", "parts/none.kml", "http://example.com/x.kml"]
+    documents = {
+        "doc.kml": "".join(map(network_link, links)) + line_of("main", 50),
+        "parts/one day.kml": line_of("one", 51) + network_link("../two.kml") + network_link("../doc.kml"),
+        "two.kml": line_of("two", 52),
+        "other.kml": line_of("other", 53),
+    }
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, text in documents.items():
+            archive.writestr(name, f"<kml><Document>{text}</Document></kml>")
+    findings = Findings()
+    pieces = list(kml_reader.FORMATS[1].read(path, Selection(), findings))
+    assert [piece.track for piece in pieces] == ["main 1", "one 2", "two 3"]
+    assert [one.count for one in findings.skipped()] == [2], "a missing document, and one elsewhere"
+
+
+@pytest.mark.parametrize("blanks", [b"  \n", b"\xef\xbb\xbf \t", b"\r\n" * 100])
+def test_blanks_before_an_xml_do_no_harm(tmp_path: Path, blanks: bytes) -> None:
+    text = '<?xml version="1.0"?>' + GPX.format(points=point(50.3, "2024-03-23T12:00:00Z"))
+    path = tmp_path / "a.gpx"
+    path.write_bytes(blanks + text.encode())
+    pieces = list(kind_of(path).read(path, Selection(), Findings()))
+    assert pieces[1].poses.times_s.tolist() == [1_711_195_200.0]

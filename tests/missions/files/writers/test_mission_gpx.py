@@ -4,7 +4,8 @@ import gpxpy
 import numpy as np
 import pytest
 
-from webapp.missions.files.gpx import NAMESPACE, format_mission_gpx
+from webapp.files.exchange.gpx import NAMESPACE
+from webapp.missions.files.gpx_writer import format_mission_gpx
 
 KEY = f"{{{NAMESPACE}}}"
 

@@ -11,15 +11,16 @@ from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
 from webapp.missions.core.trajectory.outgoing import MissionExport
 from webapp.missions.core.trajectory.records import join, make_poses
-from webapp.missions.files import geojson_reader, gpx, trajectory_text
 from webapp.missions.files.geojson_writer import format_mission_geojson
+from webapp.missions.files.gpx_writer import format_mission_gpx
+from webapp.missions.files.readers import geojson_reader, gpx, trajectory_text
 from webapp.missions.files.track_chunks import Findings, RobotPiece, WorldPiece
 from webapp.missions.files.trajectory_writer import format_kitti_zip, format_tum_zip
 
 
 @pytest.mark.parametrize(
     ("write", "read"),
-    [(gpx.format_mission_gpx, gpx.read), (format_mission_geojson, geojson_reader.read)],
+    [(format_mission_gpx, gpx.read), (format_mission_geojson, geojson_reader.read)],
 )
 def test_tracks_read_back(mission, write, read):
     pieces = list(read(io.BytesIO(b"".join(write(mission))), findings=Findings()))
@@ -31,7 +32,7 @@ def test_tracks_read_back(mission, write, read):
         np.testing.assert_allclose(found.poses.times_s, before.times_s, atol=1e-6, rtol=0)
         np.testing.assert_allclose(found.poses.heading_deg, before.heading_deg, atol=1e-3)
         np.testing.assert_allclose(found.poses.height_m, before.height_m, atol=1e-3)
-        if write is gpx.format_mission_gpx:
+        if write is format_mission_gpx:
             np.testing.assert_allclose(found.poses.covariance_m2, before.covariance_m2, rtol=1e-5)
 
 
@@ -48,7 +49,7 @@ def test_objects_of_our_geojson_keep_their_ids(mission):
 
 @pytest.mark.parametrize(
     ("write", "read"),
-    [(gpx.format_mission_gpx, gpx.read), (format_mission_geojson, geojson_reader.read)],
+    [(format_mission_gpx, gpx.read), (format_mission_geojson, geojson_reader.read)],
 )
 def test_states_of_objects_read_back(mission, write, read):
     states = ("found", "confirmed", "cleared")

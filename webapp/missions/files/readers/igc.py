@@ -17,6 +17,7 @@ from webapp.errors import TrackError
 from webapp.files.text_file import numbered_lines
 from webapp.missions.core.trajectory.records import make_poses
 from webapp.missions.files.track_chunks import CHUNK, Findings, Piece, WorldPiece
+from webapp.missions.files.track_format import FormatAbout, TrackFormat, opened
 
 _FIX = re.compile(
     r"B(\d\d)(\d\d)(\d\d)(\d\d)(\d{5})([NS])(\d{3})(\d{5})([EW])([AV])(-\d{4}|\d{5})(-\d{4}|\d{5})(.*)"
@@ -28,7 +29,8 @@ _HALF_DAY_S = 43_200.0
 
 def is_igc(lines: list[str]) -> bool:
     """Return whether the first lines of a text are those of an IGC file."""
-    return bool(lines) and lines[0][:1] == "A" and any(_DATE.match(line) for line in lines)
+    has_records = (lines[:1] and lines[0][:1] == "A") or any(_FIX.fullmatch(line.strip()) for line in lines)
+    return bool(has_records) and any(_DATE.match(line) for line in lines)
 
 
 def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
@@ -112,3 +114,18 @@ def _midnight(day: re.Match[str]) -> float:
 def _piece(rows: list[tuple[float, ...]]) -> WorldPiece:
     times, lat, lon, height = zip(*rows, strict=True)
     return WorldPiece("", "gps", make_poses(times, list(zip(lat, lon, strict=True)), height_m=height))
+
+
+FORMAT = TrackFormat(
+    "igc",
+    "IGC",
+    "IGC",
+    endings=(".igc",),
+    is_one=lambda beginning: is_igc(beginning.lines),
+    read=opened(lambda file, _, findings: read(file, findings=findings)),
+    about=FormatAbout(
+        tracks="the fixes of a flight, also past midnight, and the extra digits of `LAD`, `LOD`, `TDS`",
+        left_out="declared tasks, pressure altitudes",
+        written_by="flight recorders of gliders, XCSoar",
+    ),
+)

@@ -11,8 +11,9 @@ from webapp.core.geo.types import LatLon
 from webapp.files.exchange.times import unix_time
 from webapp.files.exchange.xml import child_text, local_name, number, walk
 from webapp.missions.core.trajectory.records import Sighting
-from webapp.missions.files.line_buffer import LineBuffer, LinePoint, is_mostly_timed
+from webapp.missions.files.readers.line_buffer import LineBuffer, LinePoint, is_mostly_timed
 from webapp.missions.files.track_chunks import UNTIMED_OBJECTS, Findings, Piece, WorldObjects
+from webapp.missions.files.track_format import FormatAbout, TrackFormat, opened
 
 _TRACKS = {"Activity": "activity", "Course": "course"}
 
@@ -101,3 +102,20 @@ def _object(element: Element, line: str, *, number: int, findings: Findings) -> 
     kind = child_text(element, "PointType") or "waypoint"
     id_ = f"waypoint {number} {line} {name}".strip()
     yield WorldObjects((Sighting(id_, kind, time_s, LatLon(*place)),))
+
+
+FORMAT = TrackFormat(
+    "tcx",
+    "TCX",
+    "TCX",
+    endings=(".tcx",),
+    roots=frozenset({"TrainingCenterDatabase"}),
+    read=opened(lambda file, _, findings: read(file, findings=findings)),
+    numbered="waypoint",
+    about=FormatAbout(
+        tracks="activities and courses",
+        objects="course points",
+        left_out="heart rate, power, laps",
+        written_by="Garmin Training Center, Garmin Connect",
+    ),
+)

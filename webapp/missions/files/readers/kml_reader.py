@@ -9,15 +9,17 @@ from __future__ import annotations
 import io
 import lzma
 import math
+import posixpath
 import re
 import zipfile
 import zlib
 from array import array
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, BinaryIO, cast
+from urllib.parse import unquote
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -29,8 +31,9 @@ from webapp.files.exchange.times import unix_time
 from webapp.files.exchange.xml import child_text, local_name, number, walk
 from webapp.files.exchange.zip_directory import has_many_files
 from webapp.missions.core.trajectory.records import Sighting
-from webapp.missions.files.line_buffer import LineBuffer, LinePoint, mostly_timed
+from webapp.missions.files.readers.line_buffer import LineBuffer, LinePoint, mostly_timed
 from webapp.missions.files.track_chunks import CHUNK, UNTIMED_OBJECTS, Findings, Piece, WorldObjects
+from webapp.missions.files.track_format import Beginning, FormatAbout, Selection, TrackFormat, opened
 
 MAX_LINES = 100
 """A KML with more lines is a drawing, not a recorded track."""
@@ -64,7 +67,18 @@ class _Placemark:
     time_s: float
 
 
-def read(file: BinaryIO, *, findings: Findings, tracks: tuple[str, ...] = ()) -> Iterator[Piece]:
+@dataclass(slots=True)
+class _Found:
+    """What was found so far: several documents of a KMZ are numbered as one."""
+
+    marks: int = 0
+    lines: int = 0
+    links: list[str] | None = None  # Of the documents; None if they cannot be followed
+
+
+def read(
+    file: BinaryIO, *, findings: Findings, tracks: tuple[str, ...] = (), found: _Found | None = None
+) -> Iterator[Piece]:
     """Read a KML file.
 
     Args:
@@ -73,33 +87,45 @@ def read(file: BinaryIO, *, findings: Findings, tracks: tuple[str, ...] = ()) ->
     Raises:
         TrackError: The file is damaged, declares a document type, or has more than `MAX_LINES` lines to read.
     """
-    marks = lines = 0
-    for event, element in walk(file, whole={"Placemark"}):
+    found = found or _Found()
+    for event, element in walk(file, whole={"Placemark", "NetworkLink"}):
         name = local_name(element)
-        if event == "start" and name in _UNUSED:
+        if name == "NetworkLink":
+            _link(element, found, findings=findings)
+        elif event == "start" and name in _UNUSED:
             findings.skip(_UNUSED[name], where=f"<{name}>")
         if name != "Placemark":
             continue
-        marks += 1
-        mark = _Placemark(marks, " ".join(child_text(element, "name").split()), _time(element))
+        found.marks += 1
+        mark = _Placemark(found.marks, " ".join(child_text(element, "name").split()), _time(element))
         for part in element.iter():
             kind = local_name(part)
             if kind in _UNUSED:
-                findings.skip(_UNUSED[kind], where=mark.name or f"placemark {marks}")
+                findings.skip(_UNUSED[kind], where=mark.name or f"placemark {found.marks}")
             elif kind == "Point":
                 yield from _object(part, mark, findings=findings)
             elif kind in {"LineString", "Track"}:
                 if tracks and mark.name not in tracks:
                     findings.skip("tracks that were not asked for", where=mark.name)
                     continue
-                lines += 1
-                if lines > MAX_LINES:
+                found.lines += 1
+                if found.lines > MAX_LINES:
                     raise TrackError(
                         f"the file has more than {MAX_LINES} lines: it is a drawing, not a track",
                         hint="name the lines that are tracks",
                     )
-                title = f"{mark.name or 'track'} {lines}"
+                title = f"{mark.name or 'track'} {found.lines}"
                 yield from _line(part, title, findings=findings)
+
+
+def _link(element: Element, found: _Found, *, findings: Findings) -> None:
+    """Note a link to another document, or count it if it cannot be followed."""
+    parts = (part for part in element.iter() if local_name(part) in ("Link", "Url"))
+    href = next((child_text(part, "href") for part in parts), "")
+    if found.links is None or not href or "://" in href:
+        findings.skip(_UNUSED["NetworkLink"], where="<NetworkLink>")
+    else:
+        found.links.append(href)
 
 
 def _line(part: Element, title: str, *, findings: Findings) -> Iterator[Piece]:
@@ -198,6 +224,12 @@ def opened_kml(path: Path) -> Iterator[BinaryIO]:
         TrackError: The file is not a zip, has no KML, is encrypted or damaged, or declares an implausible
             uncompressed size; also raised while the KML is read.
     """
+    with _archive(path) as archive, _opened_entry(archive, _kml(archive)) as file:
+        yield file
+
+
+@contextmanager
+def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
     if has_many_files(path, limit=_MAX_FILES):
         raise TrackError(f"the zip has more than {_MAX_FILES} files", hint="export the track again")
     try:
@@ -205,19 +237,23 @@ def opened_kml(path: Path) -> Iterator[BinaryIO]:
     except _BROKEN as error:
         raise TrackError(f"the zip is damaged: {str(error)[:200]}") from error
     with archive:
-        info = _kml(archive)
-        if info.file_size > MAX_BYTES or info.file_size > _SMALL + MAX_RATIO * info.compress_size:
-            raise TrackError(
-                f"the zip claims to hold {info.file_size / 1e6:.0f} MB in {info.compress_size} bytes",
-                hint="export the track again",
-            )
-        try:
-            packed = archive.open(info)
-        except _BROKEN as error:
-            raise TrackError(f"the zip is damaged or encrypted: {str(error)[:200]}") from error
-        with packed:
-            # zipfile never returns more bytes than the declared size of an entry
-            yield cast(BinaryIO, io.BufferedReader(_CheckedEntry(packed)))
+        yield archive
+
+
+@contextmanager
+def _opened_entry(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Iterator[BinaryIO]:
+    if info.file_size > MAX_BYTES or info.file_size > _SMALL + MAX_RATIO * info.compress_size:
+        raise TrackError(
+            f"the zip claims to hold {info.file_size / 1e6:.0f} MB in {info.compress_size} bytes",
+            hint="export the track again",
+        )
+    try:
+        packed = archive.open(info)
+    except _BROKEN as error:
+        raise TrackError(f"the zip is damaged or encrypted: {str(error)[:200]}") from error
+    with packed:
+        # zipfile never returns more bytes than the declared size of an entry
+        yield cast(BinaryIO, io.BufferedReader(_CheckedEntry(packed)))
 
 
 def _kml(archive: zipfile.ZipFile) -> zipfile.ZipInfo:
@@ -243,3 +279,73 @@ class _CheckedEntry(io.RawIOBase):
             raise TrackError(f"the zip is damaged: {str(error)[:200]}") from error
         buffer[: len(data)] = data
         return len(data)
+
+
+def _is_kmz(beginning: Beginning) -> bool:
+    """Tell by the first bytes; every zip counts as a KMZ, and one without a KML is refused."""
+    if not beginning.head.startswith(b"PK\x03\x04"):
+        return False
+    if not zipfile.is_zipfile(beginning.path):
+        raise TrackError("the zip is damaged or cut off")
+    with opened_kml(beginning.path):
+        return True
+
+
+def _read_kmz(path: Path, selection: Selection, findings: Findings) -> Iterator[Piece]:
+    """Read the first document of a KMZ, and those in it to which its links lead."""
+    found = _Found(links=[])
+    with _archive(path) as archive:
+        first = _kml(archive)
+        names = {info.filename: info for info in archive.infolist()}
+        waiting, seen, most = [first], {first.filename}, MAX_BYTES
+        while waiting:
+            info = waiting.pop(0)
+            most -= info.file_size
+            if len(seen) > MAX_LINES or most < 0:
+                raise TrackError("the documents of the KMZ that it links to are too many or too large")
+            with _opened_entry(archive, info) as file:
+                yield from read(file, findings=findings, tracks=selection.topics, found=found)
+            links, found.links = found.links or [], []
+            for link in links:
+                name = posixpath.normpath(posixpath.join(posixpath.dirname(info.filename), _file_of(link)))
+                if name in names and name not in seen and name.lower().endswith(".kml"):
+                    seen.add(name)
+                    waiting.append(names[name])
+                elif name not in seen:
+                    findings.skip(_UNUSED["NetworkLink"], where="<NetworkLink>")
+
+
+def _file_of(link: str) -> str:
+    return unquote(link.partition("#")[0].partition("?")[0].strip())
+
+
+_KML = TrackFormat(
+    "kml",
+    "KML",
+    "KML",
+    endings=(".kml",),
+    roots=frozenset({"kml", "Document", "Folder", "Placemark", "NetworkLink"}),
+    read=opened(lambda file, selection, findings: read(file, findings=findings, tracks=selection.topics)),
+    numbered="placemark",
+    about=FormatAbout(
+        tracks=f"`gx:Track`, `gx:MultiTrack`, `LineString`; at most {MAX_LINES} lines, unless some are named",
+        objects="points",
+        left_out="areas, models, images; network links are not followed",
+        written_by="Google Earth, loggers, drone planners",
+    ),
+)
+_KMZ = replace(
+    _KML,
+    name="kmz",
+    title="KMZ",
+    called="KMZ",
+    endings=(".kmz", ".zip"),
+    is_one=_is_kmz,
+    roots=frozenset(),
+    read=_read_kmz,
+    about=replace(
+        _KML.about,
+        tracks="as KML: its `doc.kml`, or else the first one, and those in it to which it links",
+    ),
+)
+FORMATS = (_KML, _KMZ)

@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, BinaryIO
 
+from webapp.core.geo.crs import latlon_from_plane, parse_crs
 from webapp.core.geo.types import LatLon
-from webapp.errors import TrackError
+from webapp.errors import GeoreferenceError, TrackError
 from webapp.files.exchange.times import unix_time
 from webapp.missions.core.trajectory.records import SOURCES, Sighting, Source
-from webapp.missions.files.line_buffer import LineBuffer, LinePoint, mostly_timed
+from webapp.missions.files.readers.line_buffer import LineBuffer, LinePoint, mostly_timed
+from webapp.missions.files.readers.time_units import LAST_S, ticks
 from webapp.missions.files.track_chunks import (
     UNTIMED_OBJECTS,
     Findings,
@@ -24,6 +27,7 @@ from webapp.missions.files.track_chunks import (
     WorldObjects,
     object_field,
 )
+from webapp.missions.files.track_format import FormatAbout, TrackFormat, opened
 
 MAX_BYTES = 20_000_000
 """Maximum file size: a file is parsed at once, and takes many times its size in memory."""
@@ -31,10 +35,18 @@ MAX_BYTES = 20_000_000
 _MAX_DEPTH = 20
 _TIME_LISTS = ("times", "coordTimes", "timestamps")
 _TIMES = ("time", "timestamp", "datetime", "date_time")
+_BETWEEN = re.compile(r"[\s\x1e]*")
+_DECODER = json.JSONDecoder()
+_CRS = re.compile(
+    r"(?:urn:(?:x-)?ogc:def:crs:|https?://www\.opengis\.net/(?:def/crs/|gml/srs/)|)"
+    r"(?:(epsg|ogc|esri|ignf)(?:\.xml)?[:/#](?:[\w.]*[:/])?)?(\w+)",
+    re.IGNORECASE,
+)
+"""`EPSG:25833`, `urn:ogc:def:crs:EPSG::25833`, `http://www.opengis.net/def/crs/EPSG/0/25833`, `25833` ..."""
+
+_WGS84 = {"EPSG:4326", "EPSG:4979", "OGC:CRS84", "OGC:CRS84H"}
 _AREAS = {"Polygon", "MultiPolygon"}
 _OF_LINES = {"LineString", "MultiLineString"}
-_MS_FROM = 1e11
-"""Numbers from this size on are milliseconds since 1970."""
 
 
 def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
@@ -44,19 +56,61 @@ def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
         TrackError: The file is too large, damaged, or not GeoJSON.
     """
     features = _Features(findings)
-    for feature in _features(_document(file)):
-        yield from features.feature(feature)
+    for document in _documents(file, findings=findings):
+        features.plane = _plane(document)
+        for feature in _features(document):
+            yield from features.feature(feature)
     yield from features.rest()
 
 
-def _document(file: BinaryIO) -> Any:
+def _documents(file: BinaryIO, *, findings: Findings) -> Iterator[Any]:
+    """Yield the texts of a file: usually one, or one in each line, or each after a record separator."""
     data = file.read(MAX_BYTES + 1)
     if len(data) > MAX_BYTES:
         raise TrackError(f"the GeoJSON is larger than {MAX_BYTES // 10**6} MB", hint="export a part of it")
     try:
-        return json.loads(data)
+        text = data.decode(json.detect_encoding(data)).lstrip("\ufeff")
+        at = number = 0
+        while (at := _BETWEEN.match(text, at).end()) < len(text):  # type: ignore[union-attr]
+            try:
+                document, at = _DECODER.raw_decode(text, at)
+            except ValueError:
+                if number and "\n" not in text[at:].strip():  # a sequence whose recording stopped
+                    findings.skip("features that are cut off", where=f"feature {number + 1}")
+                    return
+                raise
+            number += 1
+            yield document
+        if not number:
+            raise ValueError("it is empty")
     except (ValueError, RecursionError) as error:
         raise TrackError(f"the JSON is damaged: {str(error)[:200]}", hint="export it again") from error
+
+
+def _plane(holder: Any, usual: str | None = None) -> str | None:
+    """Return the coordinate system of a document, a feature or a geometry; None for WGS 84.
+
+    Args:
+        usual: That of what holds it.
+
+    Raises:
+        TrackError: It has one that is not known.
+    """
+    given = holder.get("crs") if isinstance(holder, dict) else None
+    if not isinstance(given, dict):
+        return usual
+    about = _properties(given)
+    named = _text(about.get("name") or about.get("code") or about.get("href") or given.get("type"))
+    found = _CRS.fullmatch(named)
+    code = f"{(found[1] or 'EPSG').upper()}:{found[2]}" if found else named
+    if code in _WGS84:
+        return None
+    try:
+        parse_crs(code)
+    except GeoreferenceError as error:
+        message = f"the coordinate system {named[:80]!r} is not known"
+        raise TrackError(message, where="crs", hint="export it in WGS 84 (EPSG:4326)") from error
+    return code
 
 
 def _features(document: Any) -> Iterator[dict[str, Any]]:
@@ -86,6 +140,8 @@ class _Features:
     points_of_feature: int = 0
     # Points with times, by the name of their track, which follow at the end as tracks.
     poses: dict[str, list[LinePoint]] = field(default_factory=dict)
+    plane: str | None = None  # Coordinate system of the document; None for WGS 84
+    _own: str | None = None  # That of the current geometry
 
     def feature(self, feature: Mapping[str, Any]) -> Iterator[Piece]:
         self.number += 1
@@ -94,6 +150,7 @@ class _Features:
 
     def geometry(self, geometry: Any, feature: Mapping[str, Any], *, depth: int) -> Iterator[Piece]:
         where = f"feature {self.number}"
+        self._own = _plane(geometry, _plane(feature, self.plane))
         kind = geometry.get("type") if isinstance(geometry, dict) else None
         if kind in _AREAS:
             self.findings.skip("areas, which are not tracks", where=where)
@@ -101,7 +158,7 @@ class _Features:
             yield from self.line(geometry.get("coordinates"), kind, feature)
         elif kind in ("Point", "MultiPoint"):
             places = geometry.get("coordinates")
-            for place in [places] if kind == "Point" else _list(places):
+            for place in self.on_earth([places] if kind == "Point" else _list(places)):
                 yield from self.point(place, feature)
         elif kind == "GeometryCollection" and depth < _MAX_DEPTH:
             for inner in _list(geometry.get("geometries")):
@@ -114,7 +171,7 @@ class _Features:
         self.lines += 1
         name = f"line {self.lines} {_text(own.get('name'))}".strip()
         several = kind == "MultiLineString"
-        places = _joined(coordinates, several=several)
+        places = self.on_earth(_joined(coordinates, several=several))
         times = _joined(_along(feature, _TIME_LISTS), several=several)
         headings = _joined(_along(feature, ("headings_deg",)), several=several)
         points = [
@@ -145,6 +202,15 @@ class _Features:
             self.findings.skip("points without a position", where=f"feature {self.number}")
             return
         yield WorldObjects((self.sighting(at, feature),))
+
+    def on_earth(self, places: list[Any]) -> list[Any]:
+        """Transform positions to longitude and latitude."""
+        if self._own is None or not places:
+            return places
+        self.findings.note(f"positions were transformed from {self._own}, {parse_crs(self._own).name}")
+        rows = [[_number(value) for value in [*_list(place)[:3], None, None, None][:3]] for place in places]
+        latlon = latlon_from_plane(self._own, [row[:2] for row in rows])
+        return [[lon, lat, row[2]] for (lat, lon), row in zip(latlon.tolist(), rows, strict=True)]
 
     def sighting(self, at: LinePoint, feature: Mapping[str, Any]) -> Sighting:
         own = _properties(feature)
@@ -257,8 +323,28 @@ def _number(value: Any) -> float:
 
 
 def _time(value: Any) -> float:
-    """Parse a time: ISO 8601, or seconds or milliseconds since 1970."""
+    """Parse a time: ISO 8601, or a number since 1970."""
     if isinstance(value, str):
         return unix_time(value)
     number = _number(value)
-    return number / 1000.0 if abs(number) >= _MS_FROM else number
+    number /= ticks(number)
+    return number if abs(number) < LAST_S else math.nan
+
+
+FORMAT = TrackFormat(
+    "geojson",
+    "GeoJSON",
+    "GeoJSON",
+    endings=(".geojson", ".json"),
+    is_one=lambda beginning: beginning.is_json,
+    read=opened(lambda file, _, findings: read(file, findings=findings)),
+    numbered="point",
+    about=FormatAbout(
+        tracks="lines, with times in `coordinateProperties`, `coordTimes` or `times`; points with a time; "
+        "also a sequence of features, one in each line; other systems (`crs`) are transformed to WGS 84; "
+        f"up to {MAX_BYTES // 10**6} MB",
+        objects="other points",
+        left_out="areas",
+        written_by="QGIS, web maps, this program",
+    ),
+)

@@ -8,9 +8,9 @@ left out. Frames are identified by name (`header.frame_id`, `child_frame_id`); t
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,10 +18,11 @@ import numpy as np
 
 from webapp.errors import ExpMapError, TrackError
 from webapp.extras import extra
+from webapp.missions.core.trajectory.planned import is_planned
 from webapp.missions.core.trajectory.records import make_poses
 from webapp.missions.core.trajectory.robotframe import LocalPoses
-from webapp.missions.files.bag_limits import limited_reader1, limited_reader2
-from webapp.missions.files.ros_messages import OBJECTS, PATH, POSES, TRANSFORMS, WORLD, RosPose
+from webapp.missions.files.readers.bag_limits import limited_reader1, limited_reader2
+from webapp.missions.files.readers.ros_messages import OBJECTS, PATH, PLANS, POSES, TRANSFORMS, WORLD, RosPose
 from webapp.missions.files.track_chunks import (
     CHUNK,
     Findings,
@@ -31,10 +32,14 @@ from webapp.missions.files.track_chunks import (
     RobotPiece,
     WorldPiece,
 )
+from webapp.missions.files.track_format import Beginning, FormatAbout, Reader, Selection, TrackFormat
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
     from rosbags.interfaces import Connection
+
+
+PLANNED = "messages with planned poses, which were not driven (name the topic to import them)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +74,7 @@ def read(path: Path, *, suffix: str, wanted: Collection[str] = (), findings: Fin
     """
     with _opened(path, suffix) as bag:
         chosen = _chosen(bag.connections, wanted, findings=findings)
+        several = _several(bag, chosen)
         logs: dict[str, _Log] = {}
         for topic, kind, at_ns, message in _messages(bag, chosen):
             at_s = at_ns * 1e-9
@@ -77,19 +83,24 @@ def read(path: Path, *, suffix: str, wanted: Collection[str] = (), findings: Fin
                     yield from log.pieces()
                 yield from _objects(message, kind, at_s, topic=topic, findings=findings)
                 continue
-            log = logs.setdefault(topic, _Log(topic, kind))
+            log = logs.setdefault(topic, _Log(topic, kind, topic in several))
             yield from log.add(message, at_s, findings=findings)
         for log in logs.values():
             yield from log.pieces()
 
 
+Pair = tuple[str, str]
+"""Frames of the poses and of the moving body."""
+
+
 @dataclass(slots=True)
 class _Log:
-    """Buffers the poses of a topic until they are yielded as pieces."""
+    """Buffers the poses of a topic until they are yielded as pieces; each pair of frames is a track."""
 
     topic: str
     kind: str
-    rows: list[RosPose] = field(default_factory=list)
+    several: bool = False  # Whether the topic has several pairs of frames for sure
+    pairs: dict[Pair, list[RosPose]] = field(default_factory=dict)
     last_s: float = -math.inf
     count: int = 0
 
@@ -104,11 +115,13 @@ class _Log:
             if not all(map(math.isfinite, row.values[:4])):
                 findings.skip("poses with a time or a position that is not a number", where=self.topic)
                 continue
-            if self.rows and (row.frame, row.body) != (self.rows[-1].frame, self.rows[-1].body):
-                yield from self.pieces()
-            self.rows.append(row)
-            if len(self.rows) == CHUNK:
-                yield from self.pieces()
+            pair = ("", "") if self.kind == WORLD else (row.frame.strip("/"), row.body.strip("/"))
+            buffer = self.pairs.setdefault(pair, [])
+            if len(self.pairs) == 2:
+                findings.note(f"{self.topic} has poses in several frames: each is a track of its own")
+            buffer.append(row)
+            if len(buffer) == CHUNK:
+                yield self.piece(pair)
 
     def fresh(self, rows: list[RosPose]) -> list[RosPose]:
         """Leave out poses that earlier paths had: found by their times, or without times by their number."""
@@ -119,18 +132,33 @@ class _Log:
         return new
 
     def pieces(self) -> Iterator[Piece]:
-        if not self.rows:
-            return
-        table = np.array([row.values for row in self.rows])
-        frame, body = self.rows[0].frame, self.rows[0].body
-        self.rows = []
+        for pair, rows in self.pairs.items():
+            if rows:
+                yield self.piece(pair)
+
+    def piece(self, pair: Pair) -> Piece:
+        rows = self.pairs[pair]
+        table = np.array([row.values for row in rows])
+        frame, body = rows[0].frame, rows[0].body
+        self.pairs[pair] = []
         times, place, yaw, covariance = table[:, 0], table[:, 1:4], table[:, 4], table[:, 5:8]
         if self.kind == WORLD:
             poses = make_poses(times, place[:, :2], height_m=place[:, 2], covariance_m2=covariance)
-            yield WorldPiece(self.topic, "gps", poses)
-        else:
-            local = LocalPoses(times, place, yaw, covariance)
-            yield RobotPiece(self.topic, "odometry", frame, body, local)
+            return WorldPiece(self.topic, "gps", poses)
+        is_first = not self.several and pair == next(iter(self.pairs))
+        track = self.topic if is_first else " ".join(filter(None, (self.topic, *pair)))
+        return RobotPiece(track, "odometry", frame, body, LocalPoses(times, place, yaw, covariance))
+
+
+def _several(bag: AnyReader, chosen: list[Connection]) -> set[str]:
+    """Find the topics whose transforms have several pairs of frames, such as those of several robots."""
+    transforms = [connection for connection in chosen if connection.msgtype == TRANSFORMS]
+    pairs: dict[str, set[Pair]] = {}
+    for topic, kind, _, message in _messages(bag, transforms) if transforms else ():
+        with _reading():
+            rows = POSES[kind](message, 0.0)
+        pairs.setdefault(topic, set()).update((row.frame.strip("/"), row.body.strip("/")) for row in rows)
+    return {topic for topic, found in pairs.items() if len(found) > 1}
 
 
 def _objects(message: Any, kind: str, at_s: float, *, topic: str, findings: Findings) -> Iterator[Piece]:
@@ -155,9 +183,13 @@ def _chosen(
         raise TrackError(
             f"the bag has no topic {unknown[0]!r}", hint=f"it has {', '.join(sorted(there))[:300]}"
         )
-    moving = any(c.msgtype in POSES and c.msgtype not in {WORLD, TRANSFORMS} for c in connections)
+    driven = [c for c in connections if not _is_plan(c)]
+    moving = any(c.msgtype in POSES and c.msgtype not in {WORLD, TRANSFORMS} for c in driven)
     chosen = []
     for c in connections:
+        if _is_plan(c) and not wanted:
+            findings.skip(PLANNED, where=c.topic, count=c.msgcount)
+            continue
         if c.msgtype == TRANSFORMS and moving and not wanted:
             reason = "transforms: other topics have the robot's poses"
             findings.skip(reason, where=c.topic, count=c.msgcount)
@@ -171,11 +203,16 @@ def _chosen(
             reason = "that was not asked for" if readable else f"of type {c.msgtype}, which is not used"
             findings.skip(f"messages of a topic {reason}", where=c.topic, count=c.msgcount)
     if not chosen:
-        raise TrackError(
-            "the bag has no topic with poses or objects",
-            hint=f"supported: {', '.join([*POSES, *OBJECTS])}",
-        )
+        planned = [c.topic for c in connections if _is_plan(c)]
+        supported = f"supported: {', '.join([*POSES, *OBJECTS])}"
+        hint = f"planned poses have to be asked for by topic: {planned[0]}" if planned else supported
+        raise TrackError("the bag has no topic with poses or objects", hint=hint)
     return chosen
+
+
+def _is_plan(connection: Connection) -> bool:
+    """Tell whether poses of a topic were only planned: by its name, of types that plans have."""
+    return connection.msgtype in PLANS and is_planned(connection.topic)
 
 
 def _messages(bag: AnyReader, chosen: list[Connection]) -> Iterator[tuple[str, str, int, Any]]:
@@ -200,7 +237,8 @@ def _opened(path: Path, suffix: str) -> Iterator[AnyReader]:
         # message definitions are in the bag, except in ROS 2 bags in SQLite from before 2023
         named = _called(path, suffix)
         bag = AnyReader([named], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
-        bag.readers = [limited_reader2(named)] if bag.is2 else [limited_reader1(named)]
+        used = {*POSES, *OBJECTS}
+        bag.readers = [limited_reader2(named, used=used)] if bag.is2 else [limited_reader1(named, used=used)]
         bag.open()
     try:
         yield bag
@@ -228,3 +266,63 @@ def _called(path: Path, suffix: str) -> Path:
 
     named: Path = type("Named", (type(path),), {"suffix": suffix})(path)
     return named
+
+
+def folder_kind(path: Path) -> TrackFormat:
+    """Return the format of a folder; raises TrackError if it is no bag."""
+    if (path / "metadata.yaml").is_file():
+        return _FOLDER
+    raise TrackError("the folder is not a ROS 2 bag", hint="it needs a metadata.yaml")
+
+
+def _starts(magic: bytes) -> Callable[[Beginning], bool]:
+    return lambda beginning: beginning.head.startswith(magic)
+
+
+def _reader(suffix: str) -> Reader:
+    def reader(path: Path, selection: Selection, findings: Findings) -> Iterator[Piece]:
+        yield from read(path, suffix=suffix, wanted=selection.topics, findings=findings)
+
+    return reader
+
+
+def _bag(name: str, title: str, *, suffix: str, magic: bytes, **rest: Any) -> TrackFormat:
+    return replace(
+        _FOLDER,
+        name=name,
+        title=title,
+        suffix=suffix,
+        endings=(suffix,),
+        is_one=_starts(magic),
+        read=_reader(suffix),
+        **{"about": _ROS2, "scratch": 0.0, **rest},
+    )
+
+
+_ROS1 = FormatAbout(
+    tracks="topics of `NavSatFix`, `Odometry`, `Pose`, `PoseStamped`, `PoseWithCovarianceStamped`, `Path`, "
+    "`TFMessage` ([which transforms](robots.md#frames-and-topics)); ROS is not needed",
+    objects="`Detection3DArray`, `MarkerArray`",
+    left_out="topics of other types; plans and goals (`/plan`, `/goal_pose` ...), unless named",
+    written_by="`rosbag record`",
+)
+_ROS2 = FormatAbout("as of a ROS 1 bag", objects="as of a ROS 1 bag", written_by="`ros2 bag record`")
+_FOLDER = TrackFormat(
+    "ros2-folder",
+    "ROS 2 bag",
+    "ROS bags",
+    endings=(),
+    read=_reader(""),
+    about=replace(_ROS2, tracks="a folder with `metadata.yaml` (command only), as of a ROS 1 bag"),
+    needs="missions",
+    preload=("rosbags.highlevel", "rosbags.typesys", "rosbags.typesys.stores.ros2_humble"),
+    suffix="",
+    scratch=None,  # its files may be compressed
+)
+FORMATS = (
+    _bag("ros1", "ROS 1 bag", suffix=".bag", magic=b"#ROSBAG V", about=_ROS1),
+    # SQLite sorts in a temporary file, of at most twice the size
+    _bag("ros2-sqlite", "ROS 2 bag (SQLite)", suffix=".db3", magic=b"SQLite format 3\0", scratch=2.0),
+    _bag("ros2-mcap", "ROS 2 bag (MCAP)", suffix=".mcap", magic=b"\x89MCAP0\r\n", called="MCAP"),
+    _FOLDER,
+)

@@ -3,28 +3,37 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
-from webapp.core.columns import DATE_ORDERS, EXCEL_DAYS, POSE_FIELDS, Columns, guess_columns, parse_columns
+from webapp.core.column_words import DATE_ORDERS, EXCEL_DAYS
+from webapp.core.columns import POSE_FIELDS, Columns, guess_columns, parse_columns, unit_word
 from webapp.errors import TrackError, UsageError
 from webapp.files.exchange.cells import angle, day_order, moment, quantity, split_datetime
 from webapp.files.exchange.times import unix_time
 from webapp.files.text_file import cell_text, delimiter_of, numbered_lines, split_row
 from webapp.missions.core.trajectory.records import SOURCES, Source
+from webapp.missions.files.readers.number_marks import NumberMarks, find_marks
+from webapp.missions.files.readers.table_times import choose_times, plain_moment
+from webapp.missions.files.readers.time_units import LAST_S, ticks
 from webapp.missions.files.track_chunks import Findings
 
 _HEMISPHERES = {"lat": "NS", "lon": "EW"}
 _EXCEL_EPOCH_S = -2_209_161_600.0
 """1899-12-30, the epoch of days in spreadsheets."""
 
+_DEGREES = re.compile(r"\s*deg(?:rees?)?\b\.?", re.IGNORECASE)
+_SEPARATOR = re.compile(r"\"?sep=(.)\"?", re.IGNORECASE)
 _FIRST_S = 1e8
 """1973: frame numbers below this, as nanoseconds, are not times."""
 _NANO = 1e-9
 _SHOWN = 5
+_TRIED = 200
+"""Number of rows by which the column of the times is chosen."""
 
 Key = tuple[Source, str]
 
@@ -38,6 +47,8 @@ class Table:
     skip: int  # Number of the last line of the header and the comments before the rows
     order: str = ""  # "ymd", "dmy", "mdy" or "". Order of day, month and year in dates; empty if unknown.
     header: tuple[str, ...] = ()  # Empty if there is none
+    marks: NumberMarks = field(default_factory=NumberMarks)
+    remarks: tuple[str, ...] = ()  # How the columns were understood
 
     def text(self, fields: Sequence[str], name: str) -> str:
         """Return the text of a field; empty if the row or the table lacks it."""
@@ -51,13 +62,13 @@ class Table:
         text = self.text(fields, name)
         if not text:
             return math.nan
-        if self.delimiter != ",":
-            text = text.replace(",", ".")
+        text = self.marks.plain(text, name)
         scale = self.columns[name].scale
         if name in _HEMISPHERES:
+            text = _DEGREES.sub("°", text) if "e" in text else text
             value = self.signed(angle(text, scale=scale, hemispheres=_HEMISPHERES[name]), fields, name=name)
         else:
-            value = quantity(text, scale=scale, units=POSE_FIELDS.units[name])
+            value = _quantity(text, scale=scale, field=name)
         return value if math.isfinite(value) else math.nan
 
     def signed(self, value: float, fields: Sequence[str], *, name: str) -> float:
@@ -72,7 +83,7 @@ class Table:
 
     def time(self, fields: Sequence[str]) -> float:
         """Return the time of a row, combining a date and a time column if necessary; NaN without a time."""
-        text, day = self.text(fields, "time"), self.text(fields, "date")
+        text, day = (plain_moment(self.text(fields, name)) for name in ("time", "date"))
         value = unix_time(text)
         if math.isnan(value) and day:
             value = unix_time(day) if ":" in day else moment(day, text, order=self.order)
@@ -82,19 +93,17 @@ class Table:
             value = self.seconds(text)
             if math.isnan(value):
                 value = moment(*split_datetime(text), order=self.order)
-        return value if math.isfinite(value) else math.nan
+        return value if abs(value) < LAST_S else math.nan
 
     def seconds(self, text: str) -> float:
         """Parse a numeric time; return seconds since 1970."""
         column = self.columns["time"]
-        if self.delimiter != ",":
-            text = text.replace(",", ".")
-        value = quantity(text, scale=column.scale, units=POSE_FIELDS.units["time"])
+        value = _quantity(self.marks.plain(text, "time"), scale=column.scale, field="time")
         if column.scale == EXCEL_DAYS:
             return _EXCEL_EPOCH_S + value
         if self.has_frame_numbers and value * _NANO < _FIRST_S:
             return math.nan
-        return _seconds(value) if column.scale == 1.0 else value
+        return value / ticks(value) if column.scale == 1.0 else value
 
     @property
     def has_frame_numbers(self) -> bool:
@@ -120,9 +129,13 @@ def open_table(file: BinaryIO, columns: str | None) -> Table:
         UsageError: `columns` does not fit the table.
     """
     remarks: list[str] = []
+    given = ""
     first: tuple[int, str] | None = None
     for number, line in numbered_lines(file):
-        if line.lstrip().startswith("#"):
+        separator = _SEPARATOR.fullmatch(line)
+        if separator is not None and not given:  # Excel's own line
+            given = separator[1]
+        elif line.lstrip().startswith("#"):
             remarks.append(line.strip().lstrip("#").strip())
         elif line.strip():
             first = (number, line)
@@ -130,20 +143,46 @@ def open_table(file: BinaryIO, columns: str | None) -> Table:
     if first is None:
         raise TrackError("the table is empty")
     number, line = first
-    delimiter = delimiter_of(line) or ","
+    delimiter = given or delimiter_of(line) or ","
+    table = _open(line, remarks, columns, number=number, delimiter=delimiter)
+    if columns:
+        return table
+    rows = [cells for _, cells in islice(table_rows(file, table), _TRIED)]
+    chosen, said = choose_times(table.header, table.columns, rows=rows)
+    return replace(table, columns=chosen, remarks=(*table.remarks, *said))
+
+
+def _open(line: str, remarks: list[str], columns: str | None, *, number: int, delimiter: str) -> Table:
     header = split_row(line, delimiter)
     if columns:
         return _with_columns(columns, header, remarks, number=number, delimiter=delimiter)
     try:
-        return Table(guess_columns(header), delimiter, number, header=tuple(header))
+        return _guessed(header, number, delimiter)
     except TrackError:
         for remark in reversed(remarks):
             named = split_row(remark.rpartition(": ")[2], delimiter_of(remark) or ",")
             try:
-                return Table(guess_columns(named), delimiter, number - 1, header=tuple(named))
+                return _guessed(named, number - 1, delimiter)
             except TrackError:
                 continue
         raise
+
+
+def _guessed(header: list[str], skip: int, delimiter: str) -> Table:
+    remarks: list[str] = []
+    columns = guess_columns(header, remarks=remarks)
+    return Table(columns, delimiter, skip, header=tuple(header), remarks=tuple(remarks))
+
+
+def with_marks(file: BinaryIO, table: Table) -> Table:
+    """Decide on the decimal marks by all rows; they are points where no cell can have a comma."""
+    file.seek(0)
+    if table.delimiter == "," and not any('"' in line for _, line in numbered_lines(file)):
+        return table
+    names = [name for name in table.columns if any(POSE_FIELDS.units[name])]
+    rows = ({name: table.text(cells, name) for name in names} for _, cells in table_rows(file, table))
+    marks = find_marks(rows, angles=("lat", "lon"), usual="." if table.delimiter == "," else ",")
+    return replace(table, marks=marks, remarks=(*table.remarks, *marks.notes))
 
 
 def _with_columns(
@@ -190,11 +229,14 @@ def table_head(path: Path, columns: str | None) -> TableHead:
             table = open_table(file, columns)
         except TrackError as error:
             file.seek(0)
-            first = next((line for _, line in numbered_lines(file) if line.strip()), None)
+            lines = (line for _, line in numbered_lines(file) if line.strip())
+            first = next(lines, None)
             if first is None:
                 raise
             problem = str(error)
-            table = Table({}, delimiter_of(first) or ",", 0)
+            separator = _SEPARATOR.fullmatch(first)
+            delimiter = separator[1] if separator else delimiter_of(first) or ","
+            table = Table({}, delimiter, int(separator is not None))
         rows = tuple(tuple(cells) for _, cells in islice(table_rows(file, table), _SHOWN))
         if problem and rows:
             table, rows = replace(table, header=rows[0]), rows[1:]
@@ -252,9 +294,8 @@ def date_order(file: BinaryIO, table: Table, *, findings: Findings) -> str:
     return ""
 
 
-def _seconds(value: float) -> float:
-    """Convert numbers too large for times in seconds from milli-, micro- or nanoseconds."""
-    for unit, most in ((1e9, 1e17), (1e6, 1e14), (1e3, 1e11)):
-        if abs(value) >= most:
-            return value / unit
-    return value
+def _quantity(text: str, *, scale: float, field: str) -> float:
+    """Parse a number that may be followed by a unit of its own, which may be spelled out."""
+    number, blank, unit = text.partition(" ")
+    text = f"{number} {unit_word(unit)}" if blank and unit.strip() else text
+    return quantity(text, scale=scale, units=POSE_FIELDS.units[field])

@@ -11,7 +11,8 @@ detected where the motion shows them (`webapp.missions.core.trajectory.axes`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import islice
 from typing import BinaryIO, Literal
 
@@ -21,7 +22,9 @@ from numpy.typing import NDArray
 from webapp.errors import TrackError
 from webapp.files.exchange import tum
 from webapp.missions.core.trajectory.axes import Axes, Frames, detect_frames, rotations_of, to_robot
+from webapp.missions.files.readers.time_units import LAST_S, per_second, unit_remark
 from webapp.missions.files.track_chunks import CHUNK, Findings, RobotPiece
+from webapp.missions.files.track_format import FormatAbout, Selection, TrackFormat, opened
 
 Layout = Literal["tum", "kitti"]
 
@@ -50,7 +53,10 @@ def read(
     Raises:
         TrackError: The file is not text, or has no pose.
     """
-    frames = _frames(file, layout, axes=axes, findings=findings)
+    sample = _sample(file, layout)
+    frames = _frames(layout, sample, axes=axes, findings=findings)
+    ticks = per_second(sample[:, 0]) if layout == "tum" and len(sample) else 1.0
+    findings.note(unit_remark(ticks, sample[0, 0]) if len(sample) else "")
     if layout == "kitti":
         findings.note("the poses have no times: they count as ten a second from 1970-01-01")
     rows: list[list[float]] = []
@@ -60,6 +66,11 @@ def read(
         if row is None:
             findings.skip(f"lines without {_COLUMNS[layout]} numbers", where=f"line {number}")
             continue
+        if layout == "tum":
+            row[0] /= ticks
+            if abs(row[0]) >= LAST_S:
+                findings.skip("lines with a time that no calendar has", where=f"line {number}")
+                continue
         rows.append(row)
         if len(rows) == CHUNK:
             yield _piece(layout, np.array(rows), given, frames=frames)
@@ -71,15 +82,20 @@ def read(
         raise TrackError("the file has no pose")
 
 
-def _frames(file: BinaryIO, layout: Layout, *, axes: Axes | None, findings: Findings) -> Frames:
+def _sample(file: BinaryIO, layout: Layout) -> NDArray[np.float64]:
+    """Return the first rows."""
+    lines = tum.read_rows(file, columns=_COLUMNS[layout])
+    rows = [row for _, row in islice(lines, _SAMPLED) if row is not None]
+    return np.array(rows).reshape(-1, _COLUMNS[layout])
+
+
+def _frames(layout: Layout, sample: NDArray[np.float64], *, axes: Axes | None, findings: Findings) -> Frames:
     if axes is not None:
         return Frames(axes, axes)
     usual = Frames(_USUAL[layout], _USUAL[layout])
-    lines = tum.read_rows(file, columns=_COLUMNS[layout])
-    rows = [row for _, row in islice(lines, _SAMPLED) if row is not None]
-    if not rows:
+    if not len(sample):
         return usual
-    frames, remark = detect_frames(*_parts(layout, np.array(rows)), usual=usual)
+    frames, remark = detect_frames(*_parts(layout, sample), usual=usual)
     findings.note(remark)
     return frames
 
@@ -97,3 +113,32 @@ def _piece(layout: Layout, rows: NDArray[np.float64], given: int, *, frames: Fra
     times = rows[:, 0] if layout == "tum" else (given + np.arange(len(rows))) / _KITTI_HZ
     local = to_robot(times, xyz, rotation=rotation, frames=frames)
     return RobotPiece("", "odometry", "", "", local, layout == "tum")
+
+
+def _reader(layout: Layout) -> Callable[[BinaryIO, Selection, Findings], Iterator[RobotPiece]]:
+    return lambda file, selection, findings: read(file, layout, findings=findings, axes=selection.axes)
+
+
+_TUM = TrackFormat(
+    "tum",
+    "TUM trajectory",
+    "TUM",
+    endings=(".tum", ".txt"),
+    is_one=lambda beginning: layout_of(beginning.content) == "tum",
+    read=opened(_reader("tum")),
+    has_axes=True,
+    about=FormatAbout(
+        tracks="the poses; [axes](#axes) are detected", written_by="SLAM programs, ORB-SLAM, evo"
+    ),
+)
+_KITTI = replace(
+    _TUM,
+    name="kitti",
+    title="KITTI trajectory",
+    called="KITTI",
+    endings=(".kitti", ".txt"),
+    is_one=lambda beginning: layout_of(beginning.content) == "kitti",
+    read=opened(_reader("kitti")),
+    about=replace(_TUM.about, tracks="the poses, without times: ten a second; [axes](#axes) are detected"),
+)
+FORMATS = (_TUM, _KITTI)

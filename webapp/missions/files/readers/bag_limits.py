@@ -7,7 +7,7 @@ definitions, and reads any SQLite database.
 from __future__ import annotations
 
 import bz2
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -81,8 +81,8 @@ def unpacked(data: bytes, *, size: int, start: Callable[[], _Decompressor]) -> b
     return parts[0] if len(parts) == 1 else b"".join(parts)
 
 
-def limited_reader1(path: Path) -> Reader1:
-    """Return a reader of a ROS 1 bag that checks its chunks and definitions."""
+def limited_reader1(path: Path, *, used: Collection[str]) -> Reader1:
+    """Return a reader of a ROS 1 bag that checks its chunks, and the definitions of the used types."""
     with extra("missions"):
         from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
         from rosbags.rosbag1 import Reader
@@ -106,13 +106,13 @@ def limited_reader1(path: Path) -> Reader1:
 
         def open(self) -> None:
             super().open()
-            _check_or_close(self)
+            _check_or_close(self, self.connections, used=used)
 
     return Limited(path)
 
 
-def limited_reader2(path: Path) -> Reader2:
-    """Return a reader of a ROS 2 bag that checks its chunks, definitions and tables.
+def limited_reader2(path: Path, *, used: Collection[str]) -> Reader2:
+    """Return a reader of a ROS 2 bag that checks its chunks, tables, and the definitions of the used types.
 
     It changes how rosbags decompresses and opens databases in this process.
     """
@@ -133,7 +133,7 @@ def limited_reader2(path: Path) -> Reader2:
 
         def open(self) -> None:
             super().open()
-            _check_or_close(self)
+            _check_or_close(self, self.storage.connections, used=used)
 
     return Limited(path)
 
@@ -142,9 +142,19 @@ def _unpacked_mcap(data: bytes, size: int, *, start: Callable[[], _Decompressor]
     return unpacked(data, size=size, start=start)
 
 
-def _check_or_close(reader: Reader1 | Reader2) -> None:
+def _check_or_close(
+    reader: Reader1 | Reader2, connections: list[Connection], *, used: Collection[str]
+) -> None:
+    """Check the definitions of used types; the others are dropped, so that nobody has to understand them."""
+    with extra("missions"):
+        from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
+
+    none = MessageDefinition(MessageDefinitionFormat.NONE, "")
     try:
-        check_definitions(reader.connections)
+        connections[:] = [
+            one if one.msgtype in used else one._replace(msgdef=none, digest="") for one in connections
+        ]
+        check_definitions(connections)
     except BaseException:
         reader.close()
         raise

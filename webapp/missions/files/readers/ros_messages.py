@@ -155,6 +155,14 @@ WORLD = "sensor_msgs/msg/NavSatFix"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 """The type that usually duplicates odometry."""
 
+PLANS = {
+    "nav_msgs/msg/Path",
+    "geometry_msgs/msg/Pose",
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+}
+"""The types that also planners send."""
+
 PATH = "nav_msgs/msg/Path"
 """The type whose messages repeat the poses of earlier ones."""
 

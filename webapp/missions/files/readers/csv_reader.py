@@ -19,8 +19,16 @@ from webapp.errors import UsageError
 from webapp.missions.core.trajectory.axes import Axes, Frames, detect_frames, rotations_of, to_robot
 from webapp.missions.core.trajectory.records import Sighting, make_poses
 from webapp.missions.core.trajectory.robotframe import LocalPoses
-from webapp.missions.files.csv_table import Key, Table, date_order, open_table, table_rows, time_name
-from webapp.missions.files.line_buffer import is_mostly_timed
+from webapp.missions.files.readers.csv_table import (
+    Key,
+    Table,
+    date_order,
+    open_table,
+    table_rows,
+    time_name,
+    with_marks,
+)
+from webapp.missions.files.readers.line_buffer import is_mostly_timed
 from webapp.missions.files.track_chunks import (
     BAD_COVARIANCE,
     CHUNK,
@@ -37,6 +45,7 @@ from webapp.missions.files.track_chunks import (
     WorldPiece,
     object_field,
 )
+from webapp.missions.files.track_format import Beginning, FormatAbout, Selection, TrackFormat, opened
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
 _NUMBERS = (
@@ -66,7 +75,9 @@ def read(
         TrackError: The table is empty, or its columns are not recognized.
         UsageError: `columns` does not fit the table, or its time column holds no times.
     """
-    table = open_table(file, columns)
+    table = with_marks(file, open_table(file, columns))
+    for remark in table.remarks:
+        findings.note(remark)
     rows = _Rows(table, _survey(file, table, columns, axes=axes, findings=findings))
     for where, fields in table_rows(file, table):
         yield from rows.row(fields, where, findings=findings)
@@ -223,3 +234,29 @@ def _heading_of(columns: Mapping[str, np.ndarray]) -> np.ndarray:
     yaw = to_robot(columns["time"], none, rotation=rotation, frames=Frames("robot", "robot")).yaw_rad
     heading: np.ndarray = 90.0 - np.degrees(yaw)
     return heading
+
+
+def _is_table(beginning: Beginning) -> bool:
+    return any(mark in beginning.content for mark in ",;\t|")
+
+
+def _read(file: BinaryIO, selection: Selection, findings: Findings) -> Iterator[Piece]:
+    yield from read(file, columns=selection.columns, findings=findings, axes=selection.axes)
+
+
+FORMAT = TrackFormat(
+    "csv",
+    "table",
+    "CSV",
+    endings=(".csv", ".txt"),
+    is_one=_is_table,
+    read=opened(_read),
+    has_axes=True,
+    about=FormatAbout(
+        tracks="rows of a table with `,` `;` `|`, tabs or blanks; split by a column `track` if there is one; "
+        "a header may be a comment (`#timestamp [ns], p_RS_R_x [m] ...` of EuRoC)",
+        objects="rows with an `id`",
+        left_out="columns that are [not named](#columns-of-a-table)",
+        written_by="loggers, drones, spreadsheets",
+    ),
+)

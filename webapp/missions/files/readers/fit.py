@@ -14,8 +14,9 @@ from typing import Any, BinaryIO
 
 from webapp.errors import TrackError
 from webapp.extras import extra
-from webapp.missions.files.line_buffer import LineBuffer, LinePoint, mostly_timed
+from webapp.missions.files.readers.line_buffer import LineBuffer, LinePoint, mostly_timed
 from webapp.missions.files.track_chunks import Findings, Piece
+from webapp.missions.files.track_format import FormatAbout, TrackFormat, opened
 
 MAX_BYTES = 50_000_000
 """Maximum file size: all records are held in memory; a day of cycling takes a few megabytes."""
@@ -44,11 +45,11 @@ def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
             f"the FIT file is larger than {MAX_BYTES // 10**6} MB", hint="split it on the device"
         )
     file.seek(0)
-    points = _points(file, findings=findings)
-    line = LineBuffer("", timed=mostly_timed(points))
-    for point in points:
-        yield from line.add(point, findings=findings)
-    if points:
+    files = [points for points in _points(file, findings=findings) if points]
+    for number, points in enumerate(files, 1):
+        line = LineBuffer(f"part {number}" if len(files) > 1 else "", timed=mostly_timed(points))
+        for point in points:
+            yield from line.add(point, findings=findings)
         yield from line.flush(findings)
 
 
@@ -57,17 +58,21 @@ def is_fit(head: bytes) -> bool:
     return len(head) >= 12 and head[0] in (12, 14) and head[8:12] == b".FIT"
 
 
-def _points(file: BinaryIO, *, findings: Findings) -> list[LinePoint]:
+def _points(file: BinaryIO, *, findings: Findings) -> list[list[LinePoint]]:
+    """Return the points of each file of a chain, which is usually one file."""
     with extra("missions"):
         import fitdecode
-    points, tiny = [], 0
+    files: list[list[LinePoint]] = [[]]
+    tiny = 0
     try:
         with warnings.catch_warnings():  # about manufacturers' own fields, which are not used
             warnings.simplefilter("ignore")
             with fitdecode.FitReader(file, check_crc=fitdecode.CrcCheck.RAISE) as reader:
                 for frame in reader:
-                    if frame.frame_type == fitdecode.FIT_FRAME_DATA:
-                        points += _point(frame, findings=findings)
+                    if frame.frame_type == fitdecode.FIT_FRAME_HEADER:
+                        files.append([])
+                    elif frame.frame_type == fitdecode.FIT_FRAME_DATA:
+                        files[-1] += _point(frame, findings=findings)
                         tiny += sum(field.size for field in frame.def_mesg.all_field_defs) < _TINY
                         if tiny > _MAX_TINY:
                             raise TrackError(
@@ -78,7 +83,7 @@ def _points(file: BinaryIO, *, findings: Findings) -> list[LinePoint]:
     except Exception as error:  # its parsers raise arbitrary exceptions for damaged files
         said = " ".join(str(error).split())[:200] or type(error).__name__
         raise TrackError(f"the FIT file is damaged: {said}", hint="copy it from the device again") from error
-    return points
+    return files
 
 
 def _point(message: Any, *, findings: Findings) -> list[LinePoint]:
@@ -106,3 +111,21 @@ def _time(message: Any) -> float:
     if not isinstance(value, datetime):
         return math.nan
     return value.replace(tzinfo=value.tzinfo or UTC).timestamp()
+
+
+FORMAT = TrackFormat(
+    "fit",
+    "FIT",
+    "FIT",
+    endings=(".fit",),
+    is_one=lambda beginning: is_fit(beginning.head),
+    read=opened(lambda file, _, findings: read(file, findings=findings)),
+    needs="missions",
+    preload=("fitdecode",),
+    about=FormatAbout(
+        tracks=f"the records of an activity or a course; up to {MAX_BYTES // 10**6} MB; each file of a chain "
+        "is a track",
+        left_out="course points, saved places, heart rate",
+        written_by="watches and bicycle computers of Garmin, Wahoo, Coros, Suunto",
+    ),
+)
