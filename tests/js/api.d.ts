@@ -810,6 +810,12 @@ export interface components {
             name?: string;
             placed?: boolean;
         };
+        JobBehind: {
+            kind?: string;
+            /** @description null: it is of no map, or of one that you may not see. */
+            map_name?: string | null;
+            seconds_left?: number | null;
+        };
         JobErrorOut: {
             hint?: string | null;
             message?: string;
@@ -822,6 +828,8 @@ export interface components {
             job?: number;
         };
         JobSchema: {
+            /** @description What it waits for; null: it waits for nothing. */
+            behind?: components["schemas"]["JobBehind"] | null;
             created_at?: string;
             done?: number;
             error?: components["schemas"]["JobErrorOut"] | null;
@@ -878,6 +886,8 @@ export interface components {
             points?: (number | null)[][];
         };
         ListedJob: {
+            /** @description What it waits for; null: it waits for nothing. */
+            behind?: components["schemas"]["JobBehind"] | null;
             /** @description Who has started it; null: a change of the map did. */
             by?: string | null;
             /** @description Whether you may cancel it or try it again. */

@@ -49,7 +49,7 @@ _FREE_WITHIN_S = 4.0
 _MOST_FAILURES = 3
 _ANSWERS_WITHIN_S = 1.0
 _BACKLOG = 512
-_SPARE_S = 3.0
+SPARE_S = 3.0
 _HERE = {"0.0.0.0": "127.0.0.1", "::": "::1"}
 """Loopback addresses of a server that listens on all interfaces."""
 
@@ -95,14 +95,14 @@ def serve(site: Site, *, settings: Settings, echo: Callable[[str], None]) -> Non
                 )
             end = listener if acceptor is None else acceptor.receiving_end
             web = _web(site, library, fds=(end.fileno(), drain.reading_end), more=more)
-            children = [web, *(_worker(site, library) for _ in range(settings.serve.job_workers))]
+            children = [web, *_workers(site, library, settings=settings)]
             keep_running(
                 children,
                 each_tick=lambda: start.look(web, echo=echo),
                 acceptor=acceptor,
                 drain=drain,
                 drain_s=settings.serve.drain_s,
-                stop_s=max(settings.serve.stop_s, settings.jobs.stop_s) + _SPARE_S,
+                stop_s=max(settings.serve.stop_s, settings.jobs.stop_s) + SPARE_S,
             )
         finally:
             library.database.close()
@@ -163,13 +163,56 @@ def _web(site: Site, library: Library, *, fds: tuple[int, int], more: Mapping[st
     )  # fmt: skip
 
 
-def _worker(site: Site, library: Library) -> Child:
-    command = ["worker", "--library", str(library.folder), "--parent", str(os.getpid()), "--log", site.log]
+def _workers(site: Site, library: Library, *, settings: Settings) -> list[Child]:
+    """Make the workers for all jobs, and those for short ones only, which never wait behind long ones."""
+    if not settings.serve.job_workers:
+        return []
+    whole = [worker_child(library, log=site.log, short=False) for _ in range(settings.serve.job_workers)]
+    return whole + [
+        worker_child(library, log=site.log, short=True) for _ in range(settings.jobs.short_workers)
+    ]
+
+
+def worker_child(library: Library, *, log: Form, short: bool) -> Child:
+    """Make a background worker that ends with this process.
+
+    Args:
+        short: Whether it does only short jobs.
+    """
+    command = ["worker", "--library", str(library.folder), "--parent", str(os.getpid()), "--log", log]
     return Child(
-        "the background worker",
-        [sys.executable, "-m", "webapp", *command],
+        "the background worker for short jobs" if short else "the background worker",
+        [sys.executable, "-m", "webapp", *command, *(["--short"] if short else [])],
         environment=environment_for(),
     )
+
+
+@contextmanager
+def kept_running(children: Sequence[Child], *, stop_s: float) -> Iterator[None]:
+    """Keep processes running during the block, from a thread; then stop them.
+
+    Args:
+        stop_s: Seconds that the processes have to stop before they are killed.
+    """
+    ended = threading.Event()
+
+    def tend() -> None:
+        while not ended.wait(_TICK_S):
+            for child in children:
+                child.tend()
+
+    thread = threading.Thread(target=tend, name="children", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+        for child in children:
+            child.ask_to_stop()
+        until = time.monotonic() + stop_s
+        for child in children:
+            child.wait(until)
 
 
 class _Start:

@@ -6,7 +6,7 @@ import secrets
 from datetime import datetime
 from typing import Any, ClassVar
 
-from sqlalchemy import JSON, ForeignKey, Index, MetaData, UniqueConstraint, text
+from sqlalchemy import JSON, ForeignKey, Index, MetaData, UniqueConstraint, false, text
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
 from webapp.store.clock import UtcDateTime, now
@@ -355,6 +355,8 @@ class Job(Base):
     """Earliest time of the next try, if something was unavailable; by the clock of the database."""
     waits: Mapped[int] = mapped_column(default=0, server_default="0")
     """How often something was unavailable."""
+    urgent: Mapped[bool] = mapped_column(default=False, server_default=false())
+    """Whether somebody waits for it, so that it comes before work in the background."""
     created_at: Mapped[datetime] = mapped_column(default=now)
     started_at: Mapped[datetime | None]
     ended_at: Mapped[datetime | None] = mapped_column(index=True)

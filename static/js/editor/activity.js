@@ -3,7 +3,7 @@
 import { byId, h, icon, queryAll } from "../shared/dom.js";
 import { leftText } from "../shared/format.js";
 import { t, tn } from "../shared/i18n.js";
-import { REASONS, waitingFor } from "../shared/job-list.js";
+import { queuedText, REASONS } from "../shared/job-list.js";
 import { isInside } from "../shared/map/coords.js";
 import { rafThrottle } from "../shared/timing.js";
 import { sentence, toastError } from "../shared/toast.js";
@@ -139,7 +139,7 @@ export class Activity {
     const name = (JOBS[kind] || (() => sentence(kind)))();
     const going = state === "queued" || state === "running";
     const words = {
-      queued: () => waitingFor(job) || t("waiting"),
+      queued: () => queuedText(job),
       running: () => [note, job.seconds_left !== null && leftText(job.seconds_left)].filter(Boolean).join(" · "),
       done: () => t("done"),
       failed: () => t("failed"),
@@ -151,7 +151,7 @@ export class Activity {
         h("strong", {}, name),
         h("span", { class: "small soft" }, words[state]()),
         this._jobButton(job, going)),
-      going && kind in REASONS && h("p", { class: "small soft" }, REASONS[kind]()),
+      state === "running" && kind in REASONS && h("p", { class: "small soft" }, REASONS[kind]()),
       going && h("progress", { class: "progress", "aria-label": name, ...(state === "running" ? value : { value: 0, max: 1 }) }),
       kind === "street-photos" && state === "done" && h("p", { class: "small", "data-testid": "street-summary" }, streetSummary(job.result)),
       error && h("p", { class: "small ed-job__error" }, [error.message, error.hint].filter(Boolean).map(sentence).join(". ")),

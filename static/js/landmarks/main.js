@@ -4,6 +4,7 @@ import { Box3, Vector3 } from "three";
 import { busy, openDialog } from "../shared/dialogs.js";
 import { byId, h, queryAll } from "../shared/dom.js";
 import { duration, labelled, locale, t, tn } from "../shared/i18n.js";
+import { queuedText } from "../shared/job-list.js";
 import { roundLength } from "../shared/map/coords.js";
 import { mapCredit } from "../shared/photo-credit.js";
 import { toastError } from "../shared/toast.js";
@@ -57,8 +58,9 @@ async function follow(id) {
   }
 }
 
-function wordsOf({ state, done, total, note, seconds_left: left }) {
-  if (state === "queued") return t("Queued");
+function wordsOf(job) {
+  const { state, done, total, note, seconds_left: left } = job;
+  if (state === "queued") return queuedText(job);
   const parts = [note, total > 0 && t("{done} of {total}", { done, total }), left !== null && t("about {time} left", { time: duration(left) })];
   return parts.filter(Boolean).join(" · ");
 }

@@ -4,6 +4,7 @@ import { get, post } from "../shared/api.js";
 import { busy } from "../shared/dialogs.js";
 import { byId, h, icon, queryAll } from "../shared/dom.js";
 import { duration, locale, t, tn } from "../shared/i18n.js";
+import { queuedText } from "../shared/job-list.js";
 import { toastError } from "../shared/toast.js";
 import { cut } from "./mercator.js";
 import { outsideChoices } from "./outside-photos.js";
@@ -175,11 +176,12 @@ export class TilesPanel {
     }
   }
 
-  _progress(box, { state, done, total, seconds_left: left }) {
+  _progress(box, job) {
+    const { state, done, total, seconds_left: left } = job;
     const bar = box.querySelector("progress");
     if (state === "running" && total) Object.assign(bar, { max: total, value: done });
     else bar.removeAttribute("value");
-    const words = [state === "queued" ? t("Queued") : t("{done} of {total} tiles", { done: number(done), total: number(total) })];
+    const words = [state === "queued" ? queuedText(job) : t("{done} of {total} tiles", { done: number(done), total: number(total) })];
     if (left) words.push(t("about {time} left", { time: duration(left) }));
     box.querySelector("[data-part=words]").textContent = words.join(" · ");
   }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
@@ -15,6 +17,9 @@ from webapp.store.schema import Account, Job, MapRecord
 
 _SHOWN = timedelta(minutes=1)
 """For how long the page of a map shows a job that has ended."""
+
+_STARTS_WITHIN = timedelta(seconds=3)
+"""Time within which a free worker takes a job."""
 
 _RECENT = timedelta(days=1)
 """The same for the menu of all pages."""
@@ -81,6 +86,28 @@ def seconds_left(job: Job, *, at: datetime) -> float | None:
     if job.state != "running" or job.started_at is None or not 0 < job.done <= job.total:
         return None
     return (at - job.started_at).total_seconds() * (job.total - job.done) / job.done
+
+
+def blocker(session: Session, job: Job, *, short: Collection[str]) -> Job | None:
+    """Find the running job that one waits for: of its map, else the one of its lane that ends first.
+
+    Args:
+        short: The short kinds; the others are the second lane.
+    """
+    at = moment(session)
+    if job.state != "queued" or (job.not_before is not None and job.not_before > at):
+        return None
+    running = session.scalars(select(Job).where(Job.state == "running").order_by(Job.id)).all()
+    same = [one for one in running if (one.kind in short) == (job.kind in short)]
+    if not same and at - job.created_at > _STARTS_WITHIN:  # its lane has no worker of its own
+        same = list(running)
+    own = [one for one in same if one.map_id == job.map_id is not None]
+
+    def left(one: Job) -> float:
+        seconds = seconds_left(one, at=at)
+        return math.inf if seconds is None else seconds
+
+    return min(own or same, key=left, default=None)
 
 
 def to_json(session: Session, job: Job, *, account_id: int | None = None) -> dict[str, Any]:
