@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -13,6 +14,7 @@ import click
 from webapp import telemetry
 from webapp.cli.composition import Composition
 from webapp.cli.library import library_option, library_settings
+from webapp.cli.progressbar import TerminalProgress
 from webapp.jobs import serving
 from webapp.logs import FORMS, Form, log_to_stderr
 from webapp.store.library import open_library
@@ -68,7 +70,8 @@ def serve(
     settings = library_settings(library)
     telemetry.start(settings.traces)
     site = serving.Site(composition.web_app, host, port, workers or settings.serve.workers, log)
-    serving.serve(site, settings=settings, echo=click.echo)
+    shown = TerminalProgress("making the sample map") if sys.stderr.isatty() else None
+    serving.serve(site, settings=settings, echo=click.echo, progress=shown)
 
 
 @click.command()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
+from decimal import Decimal
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -11,6 +12,7 @@ from flask_babel import format_datetime, format_decimal, format_timedelta
 from flask_babel import gettext as _
 from werkzeug.wrappers import Response
 
+from webapp.core.texts import significant
 from webapp.extras import is_installed
 from webapp.store.clock import now
 from webapp.web import language, manual
@@ -27,6 +29,12 @@ def init_app(app: Flask) -> None:
     app.add_template_filter(_ago, "ago")
     app.add_template_filter(_exact, "exact")
     app.add_template_filter(format_decimal, "decimal")
+    app.add_template_filter(_significant, "significant")
+
+
+def _significant(value: float) -> str:
+    """Format a number with three significant digits; Babel's own pattern for this, `@##`, cuts small ones."""
+    return format_decimal(Decimal(significant(value)), "#,##0.############")
 
 
 def map_tabs() -> list[tuple[str, str, str]]:

@@ -3,6 +3,7 @@
 import { byId, h, icon, queryAll } from "../shared/dom.js";
 import { leftText } from "../shared/format.js";
 import { t, tn } from "../shared/i18n.js";
+import { dismiss, isDismissed } from "../shared/job-failure.js";
 import { queuedText, REASONS } from "../shared/job-list.js";
 import { isInside } from "../shared/map/coords.js";
 import { rafThrottle } from "../shared/timing.js";
@@ -39,7 +40,6 @@ export class Activity {
     this.server = server;
     this.refresh = refresh;
     this.say = say;
-    this.hiddenJobs = new Set();
     this.filesBox = h("div", { class: "ed-files", hidden: true });
     this.jobsBox = h("div", { class: "ed-jobs" });
     byId("activity").append(foldButton(byId("activity")), this.filesBox, this.jobsBox);
@@ -124,7 +124,7 @@ export class Activity {
   _jobs() {
     const { jobs } = this.store;
     const overtaken = (job) => job.state === "done" && jobs.some(({ kind, id }) => kind === job.kind && id > job.id);
-    const shown = jobs.filter((job) => !this.hiddenJobs.has(job.id) && !overtaken(job));
+    const shown = jobs.filter((job) => !(job.state === "failed" && isDismissed(job.id)) && !overtaken(job));
     const signature = JSON.stringify(shown);
     if (signature === this._shownJobs) return;
     this._shownJobs = signature;
@@ -165,7 +165,6 @@ export class Activity {
       event.currentTarget.disabled = true;
       try {
         await this.server[ask](id);
-        if (!going) this.hiddenJobs.add(id);
         await this.refresh();
       } catch (problem) {
         toastError(problem);
@@ -176,7 +175,7 @@ export class Activity {
 
   _hide(id) {
     const hide = () => {
-      this.hiddenJobs.add(id);
+      dismiss(id);
       this._jobs();
     };
     return h("button", { class: "button button--quiet", type: "button", onclick: hide }, t("Hide"));

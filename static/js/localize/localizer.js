@@ -168,6 +168,7 @@ export class Localizer extends EventTarget {
   _failed(error, send) {
     if (error.code === "not_ready") {
       this.waiting = send;
+      this.oldFailures = new Set(this.store.jobs.filter(({ state }) => state === "failed").map(({ id }) => id));
       this._building();
       return;
     }
@@ -203,7 +204,7 @@ export class Localizer extends EventTarget {
     this._indexing();
     if (!this.waiting) return;
     const jobs = this.store.jobs.filter(({ kind }) => kind === "index");
-    const failed = jobs.at(-1)?.state === "failed" && jobs.at(-1);
+    const failed = jobs.at(-1)?.state === "failed" && !this.oldFailures.has(jobs.at(-1).id) && jobs.at(-1);
     if (jobs.some(({ state }) => state === "running" || state === "queued")) this._building();
     else if (failed) {
       this.waiting = null;

@@ -3,6 +3,7 @@
 import { get, post } from "../shared/api.js";
 import { busy } from "../shared/dialogs.js";
 import { duration, t } from "../shared/i18n.js";
+import { showLastFailure } from "../shared/job-failure.js";
 import { queuedText } from "../shared/job-list.js";
 import { toastError } from "../shared/toast.js";
 
@@ -13,9 +14,15 @@ const button = /** @type {?HTMLButtonElement} */ (document.getElementById("evalu
 const bar = document.getElementById("bar");
 
 button?.addEventListener("click", () => busy(button, start).catch(toastError));
-if (job !== null) follow(job);
+if (job === null) lastFailure().catch(toastError);
+else follow(job);
+
+function lastFailure() {
+  return showLastFailure(document.getElementById("progress"), map, ["evaluate"]);
+}
 
 async function start() {
+  document.querySelector("[data-job-failure]")?.remove();
   const { id } = await post(`/maps/${encodeURIComponent(map)}/evaluation`, {});
   follow(id);
 }
@@ -39,7 +46,10 @@ async function follow(id) {
 /** Show the progress. @returns {boolean} whether it ended without a result */
 function ended(job) {
   const { state, done, total, note, seconds_left: left, error } = job;
-  if (state === "failed") stop(error);
+  if (state === "failed") {
+    stop(error);
+    lastFailure().catch(toastError);
+  }
   if (state === "cancelled") stop({ message: t("cancelled"), hint: null, code: state });
   if (total > 0 && state === "running") Object.assign(bar, { max: total, value: Math.min(done, total) });
   else bar.removeAttribute("value");

@@ -452,6 +452,24 @@ def test_what_a_page_shows(do, take, at, park):
     assert do(jobs.anything_to_do)
 
 
+def test_a_failure_is_shown_until_the_job_is_repeated_for_a_week_at_most(do, take, at, park):
+    ids = lambda: do(lambda s: [job.id for job in job_views.shown(s, park)])  # noqa: E731
+    failed = do(jobs.enqueue, "a", map_id=park).id
+    do(jobs.fail, take(), error=ERROR)
+    at(3600)
+    assert ids() == [failed]
+    other = do(jobs.enqueue, "b", map_id=park).id
+    assert ids() == [failed, other]
+    again = do(jobs.enqueue, "a", map_id=park).id
+    assert ids() == [other, again]
+    do(jobs.finish, take())
+    do(jobs.fail, take(), error=ERROR)
+    at(3600)
+    assert ids() == [again]
+    at(7 * 86400)
+    assert ids() == []
+
+
 def test_time_left():
     start = clock.now()
     job = Job(state="running", started_at=start, done=0, total=10)

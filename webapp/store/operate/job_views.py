@@ -9,7 +9,7 @@ from datetime import datetime, timedelta
 from typing import Any
 
 from sqlalchemy import CompoundSelect, Select, func, or_, select, union_all
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, aliased
 
 from webapp.store.database import moment
 from webapp.store.operate.jobs import ENDED, LIVE
@@ -21,6 +21,9 @@ _SHOWN = timedelta(minutes=1)
 _STARTS_WITHIN = timedelta(seconds=3)
 """Time within which a free worker takes a job."""
 
+_FAILURE_SHOWN = timedelta(days=7)
+"""For how long the page of a map shows a job that has failed, unless a newer one of its kind follows."""
+
 _RECENT = timedelta(days=1)
 """The same for the menu of all pages."""
 
@@ -29,6 +32,22 @@ def current(session: Session, map_id: int) -> list[Job]:
     """List the jobs of a map that wait, run, or have ended in the last minute, oldest first."""
     shown = Job.id.in_(_not_ended_before(moment(session) - _SHOWN))
     return list(session.scalars(select(Job).where(Job.map_id == map_id, shown).order_by(Job.id)))
+
+
+def shown(session: Session, map_id: int) -> list[Job]:
+    """List the current jobs of a map, and those that failed last of their kind and key, oldest first."""
+    newer = aliased(Job)
+    again = select(newer.id).where(
+        newer.map_id == Job.map_id, newer.kind == Job.kind, newer.key == Job.key, newer.id > Job.id
+    )
+    failed = select(Job).where(
+        Job.map_id == map_id,
+        Job.state == "failed",
+        Job.ended_at > moment(session) - _FAILURE_SHOWN,
+        ~again.exists(),
+    )
+    jobs = {job.id: job for job in (*session.scalars(failed), *current(session, map_id))}
+    return [jobs[id] for id in sorted(jobs)]
 
 
 def recent(session: Session, *, map_ids: Select[Any], account: Account, limit: int = 20) -> list[Job]:

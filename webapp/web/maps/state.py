@@ -110,7 +110,7 @@ def changes(session: Session, record: MapRecord, *, account: Account, since: int
         **({"placements": _placements(session, record)} if changed else {}),
         **({"notes": notes_json(record), "floors": floors_json(record)} if record.revision > since else {}),
         **_history(session, record, account=account),
-        "jobs": [job_json(session, job, account=account) for job in job_views.current(session, record.id)],
+        "jobs": [job_json(session, job, account=account) for job in job_views.shown(session, record.id)],
     }
 
 
