@@ -181,7 +181,8 @@ def _summary(figures: dict[str, Any], *, missed: int, metres: float | None) -> s
     if figures["median_px"] is None:
         return found
     median = _distance(figures["median_px"], metres)
-    return f"{found} {_('Half of the answers are at most %(distance)s off.', distance=median)}"
+    half = _("Half of the answers are at most %(distance)s off.", distance=median)
+    return f"{found} {half}"
 
 
 def _advice(miss: Miss) -> str:
