@@ -148,7 +148,7 @@ def test_photos_without_gps_lead_to_the_image(new_page, small_photos):
 
 
 def test_a_reload_amid_an_upload_offers_to_continue_with_the_same_map(page, api, photos):
-    page.goto("/maps/new")
+    page.goto("/new")
     page.get_by_test_id("map-name").fill("Begun")
     sent = []
 
@@ -170,6 +170,6 @@ def test_a_reload_amid_an_upload_offers_to_continue_with_the_same_map(page, api,
     page.get_by_test_id("photo-input").set_input_files(photos[:3])
     page.wait_for_url(f"**/maps/{slug}/image")
     assert len(api.state(slug)["photos"]) == 3
-    page.goto("/maps/new")
+    page.goto("/new")
     expect(page.get_by_test_id("choose-photos")).to_be_enabled()
     expect(offer).to_have_count(0)

@@ -63,8 +63,8 @@ def test_jobs_are_slim_lines_and_messages_are_over_the_image(make_page):
 
 
 def test_a_card_shows_the_whole_map_and_two_lines_of_its_name(page, api, sample_folder):
-    name = "A map with a name that is much longer than any card is wide " * 3
-    slug = api.make_map(name.strip(), satellite=sample_folder / "satellite.png")
+    name = "A map with a name that is much longer than any card is wide " * 2
+    slug = api.make_map(name[:118].strip(), satellite=sample_folder / "satellite.png")
     page.goto("/")
     card = page.locator(f"[data-slug='{slug}']")
     picture = card.locator(".map-card__picture").bounding_box()
@@ -77,12 +77,12 @@ def test_a_card_shows_the_whole_map_and_two_lines_of_its_name(page, api, sample_
 
 
 def test_the_table_of_several_photos_has_short_names_and_no_broken_picture(
-    page, sample_map, tmp_path, queries
+    page, sample_map, tmp_path, sample_folder
 ):
     heic = tmp_path / ("a name that is far too long for a narrow table " * 4 + ".heic")
     heic.write_bytes(b"\0\0\0\x18ftypheic")
     page.goto(f"/maps/{sample_map}/localize")
-    page.get_by_test_id("query-input").set_input_files([heic, queries / "query_01.jpg"])
+    page.get_by_test_id("query-input").set_input_files([heic, sample_folder / "queries" / "query_01.jpg"])
     page.get_by_role("button", name="Each separately").click()
     row = page.get_by_test_id("batch-row").first
     expect(row.locator("img")).to_have_count(0)

@@ -1125,7 +1125,7 @@ export interface components {
             can_edit?: boolean;
             changed_at?: string;
             created_at?: string;
-            /** @description Of the track that knows it best. */
+            /** @description Of all tracks from the source that knows it best. */
             distance_m?: number;
             duration_s?: number;
             ended_at?: string | null;
@@ -1236,7 +1236,7 @@ export interface components {
             created_at?: string;
             /** @description For the events: the state of the mission that is known. */
             cursor?: string;
-            /** @description Of the track that knows it best. */
+            /** @description Of all tracks from the source that knows it best. */
             distance_m?: number;
             duration_s?: number;
             ended_at?: string | null;
@@ -1268,7 +1268,7 @@ export interface components {
             can_edit?: boolean;
             changed_at?: string;
             created_at?: string;
-            /** @description Of the track that knows it best. */
+            /** @description Of all tracks from the source that knows it best. */
             distance_m?: number;
             duration_s?: number;
             ended_at?: string | null;

@@ -101,6 +101,23 @@ class EndedSession(Base):
     at: Mapped[datetime] = mapped_column(default=now)
 
 
+class SignedIn(Base):
+    """A browser that has signed in to an account; only the hash of its session's id is stored."""
+
+    __tablename__ = "signed_in"
+    __table_args__ = IDS_USED_ONCE
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    account_id: Mapped[int] = mapped_column(ForeignKey("account.id", ondelete="CASCADE"), index=True)
+    id_hash: Mapped[str] = mapped_column(unique=True)
+    epoch: Mapped[int]
+    """Of the account then; another one now: it was signed out."""
+    device: Mapped[str]
+    """Browser and system."""
+    begun_at: Mapped[datetime] = mapped_column(default=now)
+    used_at: Mapped[datetime] = mapped_column(default=now)
+
+
 class ApiToken(Base):
     """An API token; only its hash is stored."""
 
