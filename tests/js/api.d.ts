@@ -372,6 +372,8 @@ export interface components {
             problem?: string;
             skipped?: components["schemas"]["RemarkOut"][];
             sources?: components["schemas"]["FoundTrackOut"][];
+            /** @description Proposed for tracks in the robot's frame, if the file also has positions on the Earth from the same time; else null. */
+            start?: components["schemas"]["ProposedStartOut"] | null;
             table?: components["schemas"]["TableOut"] | null;
         };
         ControlPointIn: {
@@ -1750,6 +1752,12 @@ export interface components {
             speed_mps?: (number | null)[];
             time_s?: number[];
             travelled_m?: number[];
+        };
+        ProposedStartOut: {
+            /** @description Clockwise from north. */
+            heading_deg?: number;
+            lat?: number;
+            lon?: number;
         };
         PyramidOut: {
             max_zoom?: number;

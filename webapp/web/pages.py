@@ -34,7 +34,7 @@ def init_app(app: Flask) -> None:
 
 def _significant(value: float) -> str:
     """Format a number with three significant digits; Babel's own pattern for this, `@##`, cuts small ones."""
-    return format_decimal(Decimal(significant(value)), "#,##0.############")
+    return str(format_decimal(Decimal(significant(value)), "#,##0.############"))
 
 
 def map_tabs() -> list[tuple[str, str, str]]:
