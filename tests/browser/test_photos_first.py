@@ -150,16 +150,22 @@ def test_photos_without_gps_lead_to_the_image(new_page, small_photos):
 def test_a_reload_amid_an_upload_offers_to_continue_with_the_same_map(page, api, photos):
     page.goto("/new")
     page.get_by_test_id("map-name").fill("Begun")
-    sent = []
+    page.on("dialog", lambda dialog: dialog.accept())  # "leave the page?"
+    begun = []
 
     def first_only(route):
-        sent.append(route.request.url)
-        if len(sent) == 1:
+        if route.request.method == "POST":
+            begun.append(route.request.url)
+        if route.request.method != "POST" or len(begun) == 1:
             route.continue_()  # the others wait until the page is left
 
-    page.route(re.compile(r"/api/v1/maps/[^/]+/photos"), first_only)
-    with page.expect_response(re.compile(r"/api/v1/maps/[^/]+/photos")) as answer:
+    uploads = re.compile(r"/api/v1/maps/[^/]+/uploads")
+    page.route(uploads, first_only)
+    with page.expect_response(
+        lambda answer: uploads.search(answer.url) and answer.request.method == "PATCH"
+    ) as answer:
         page.get_by_test_id("photo-input").set_input_files(photos[:3])
+    answer.value.finished()
     slug = answer.value.url.split("/maps/")[1].split("/")[0]
     page.unroute_all(behavior="ignoreErrors")
     page.reload()
