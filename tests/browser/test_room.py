@@ -88,3 +88,10 @@ def test_the_table_of_several_photos_has_short_names_and_no_broken_picture(
     expect(row.locator("img")).to_have_count(0)
     expect(row.locator("svg").first).to_be_visible()
     assert row.bounding_box()["height"] < 80
+
+
+def test_on_a_phone_the_first_map_is_in_sight(page, sample_map):
+    page.set_viewport_size({"width": 390, "height": 844})
+    page.goto("/")
+    first = page.locator(".map-card__picture").first.bounding_box()
+    assert first["y"] + first["height"] < 844

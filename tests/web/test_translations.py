@@ -166,3 +166,12 @@ def test_no_translated_text_is_in_an_f_string():
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in names
     ]
     assert found == []
+
+
+def test_jobs_say_what_they_do_in_plain_words(app):
+    with app.test_request_context(headers={"Accept-Language": "en"}):
+        said = [
+            translate_job({"note": note, "error": None})["note"]
+            for note in ("training", "second look: xfeat")
+        ]
+    assert said == ["learning what the photos look like", "the same for a second look at difficult photos"]
