@@ -62,9 +62,11 @@ $(VENV)/.tested: pyproject.toml constraints.txt
 	@touch $(VENV)/.installed $@
 
 run: install     ## make the sample map, localize a photo on it, start the web application and print its address
+	@echo "1 of 3: the sample, a park of 60 drawn photos in $(SAMPLE): half a minute, on a slow machine three"
 	$(BIN)/expmap sample $(SAMPLE)
+	@echo "2 of 3: where was a new photo of the park taken?"
 	$(BIN)/expmap localize $(SAMPLE)/map.cfg $(SAMPLE)/queries/query_02.jpg
-	@echo "starting the web application: open the link that says sign in, and stop it with Ctrl-C"
+	@echo "3 of 3: the web application: open the link that says sign in, and stop it with Ctrl-C"
 	$(BIN)/expmap serve --library maps
 
 lint: $(VENV)/.tested ## check style and types, also of the scripts of the pages; print what the program is made of

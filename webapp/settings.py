@@ -202,6 +202,9 @@ class JobSettings:
     export_s: float = 0.5
     """Seconds between two exports of maps whose files are older than their records."""
 
+    short_workers: Annotated[int, AtLeast(0)] = 1
+    """Further processes for short jobs only, beside the workers of `serve` and beside each `worker`."""
+
 
 @dataclass(frozen=True, slots=True)
 class SatelliteLimits:

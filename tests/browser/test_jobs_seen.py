@@ -2,10 +2,10 @@
 
 import re
 
+import pytest
 from playwright.sync_api import expect
 
 from tests.browser import axe
-from tests.browser.api import Api
 from tests.browser.conftest import WORK_MS, sign_in
 
 KINDS = ("Evaluation", "Export")
@@ -40,6 +40,63 @@ def test_progress_and_cancel_in_two_pages(page, context, api, sample_map):
     assert (job["state"], job["done"] < job["total"]) == ("cancelled", True)
     row.get_by_role("button", name="Try again").click()
     expect(row.get_by_text("done", exact=True)).to_be_visible(timeout=WORK_MS)
+
+
+FAILED = {
+    **dict.fromkeys(("result", "seconds", "seconds_left", "next_try_s", "by", "behind")),
+    "id": 4711,
+    "state": "failed",
+    "done": 1,
+    "total": 4,
+    "note": "",
+    "error": {"message": "the tile server does not answer", "where": None, "hint": "try another service"},
+    "created_at": "2026-01-02T03:04:05+00:00",
+    "mine": True,
+    "can_change": True,
+}
+
+
+@pytest.mark.parametrize(("tab", "kind"), [("quality", "evaluate"), ("image", "satellite-tiles")])
+def test_a_failure_is_still_there_after_a_reload_until_it_is_dismissed(make_page, tab, kind):
+    edit = make_page(1, placed=True)
+    page = edit.page
+    job = FAILED | {"kind": kind, "map": edit.slug, "map_name": "A map"}
+    page.route(re.compile(r"/api/v1/jobs\?map="), lambda route: route.fulfill(json={"jobs": [job]}))
+    failure = page.locator("[data-job-failure]")
+    for _ in range(2):
+        page.goto(f"/maps/{edit.slug}/{tab}")
+        expect(failure).to_contain_text("The tile server does not answer")
+    failure.get_by_role("button", name="Dismiss").dispatch_event("click")
+    expect(failure).to_have_count(0)
+    with page.expect_response(re.compile(r"/api/v1/jobs\?map=")):
+        page.reload()
+    expect(failure).to_have_count(0)
+
+
+def test_a_failure_in_the_editor_is_hidden_for_good(make_page, api):
+    edit = make_page(1)
+    page = edit.page
+    id = api.ask("POST", f"/maps/{edit.slug}/exports", data={"format": "geojson"})["job"]
+    page.goto(f"/maps/{edit.slug}/edit")
+    failed = page.locator("[data-testid=job-progress][data-kind=export][data-state=failed]")
+    expect(failed).to_be_visible(timeout=WORK_MS)
+    page.reload()
+    expect(failed).to_be_visible()
+    failed.get_by_role("button", name="Hide").click()
+    page.reload()
+    expect(page.locator("#map-canvas")).to_be_visible()
+    expect(failed).to_have_count(0)
+    assert api.ask("GET", f"/jobs/{id}")["state"] == "failed"
+
+
+def test_what_a_job_waits_for_is_said(make_page):
+    edit = make_page(1)
+    behind = {"kind": "index", "map_name": "Getty", "seconds_left": 181.0}
+    job = FAILED | {"kind": "export", "state": "queued", "error": None, "map": edit.slug, "behind": behind}
+    edit.page.route(re.compile(r"/api/v1/jobs\?map="), lambda route: route.fulfill(json={"jobs": [job]}))
+    edit.page.goto(f"/maps/{edit.slug}/jobs")
+    shown = edit.page.locator("#jobs").get_by_test_id("job-progress")
+    expect(shown).to_have_text("Queued behind: Index (Getty) · about 3 minutes left")
 
 
 def test_what_a_job_waits_for_and_when_it_is_tried_again(make_page):
@@ -93,9 +150,22 @@ def test_viewers_cancel_what_they_have_started(open_context, app, api, sample_ma
         theirs, own = (page.locator(".job", has=page.get_by_role("heading", name=kind)) for kind in KINDS)
         expect(theirs.get_by_test_id("job-progress")).to_be_visible()
         expect(theirs.get_by_role("button", name="Cancel")).to_have_count(0)
-        Api(page.context).ask("POST", f"/maps/{sample_map}/exports", data={"format": "zip"})
+        waiting = FAILED | {"kind": "export", "state": "queued", "error": None, "can_change": False}
+        ended = []
+
+        def with_own(route):
+            own_job = waiting | ({"state": "cancelled"} if ended else {"can_change": True})
+            route.fulfill(json={"jobs": [own_job, *route.fetch().json()["jobs"]]})
+
+        def cancelled(route):
+            ended.append(route.request.url)
+            route.fulfill(json={})
+
+        page.route(re.compile(r"/api/v1/jobs\?map="), with_own)
+        page.route("**/api/v1/jobs/4711/cancel", cancelled)
         own.get_by_role("button", name="Cancel").click()
         expect(own.get_by_text("cancelled")).to_be_visible()
+        page.unroute_all(behavior="wait")
         page.close()  # it would go on polling, which fails once the account is deleted
     finally:
         api.cancel_jobs(sample_map)

@@ -386,3 +386,15 @@ def test_several_photos_are_a_table_and_marks_on_the_map(page, api, sample_map, 
     page.keyboard.press("Escape")
     page.get_by_role("tab", name="History").click()
     expect(page.locator("#history li").first.locator(".badge--hollow")).to_have_text("not here")
+
+
+def test_what_is_done_is_said_while_one_waits(page, api, sample_map, queries):
+    open_page(page, sample_map, api)
+    held = []
+    page.route(re.compile(r"/localize"), lambda route: held.append(route) if not held else route.continue_())
+    page.get_by_test_id("query-input").set_input_files(queries / QUERY)
+    words = page.locator("#busy-words")
+    expect(words).to_contain_text("Comparing with 60 photos of the map")
+    expect(words).to_contain_text(re.compile(r"\d seconds"))
+    held[0].continue_()
+    expect(words).to_be_hidden(timeout=PATIENCE_MS)

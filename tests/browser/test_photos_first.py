@@ -145,3 +145,37 @@ def test_photos_without_gps_lead_to_the_image(new_page, small_photos):
     choose(page, small_photos[:2])
     expect(page.get_by_test_id("way-tiles")).to_have_attribute("aria-pressed", "false")
     expect(page.get_by_test_id("area-proposal")).to_have_count(0)
+
+
+def test_a_reload_amid_an_upload_offers_to_continue_with_the_same_map(page, api, photos):
+    page.goto("/new")
+    page.get_by_test_id("map-name").fill("Begun")
+    page.on("dialog", lambda dialog: dialog.accept())  # "leave the page?"
+    begun = []
+
+    def first_only(route):
+        if route.request.method == "POST":
+            begun.append(route.request.url)
+        if route.request.method != "POST" or len(begun) == 1:
+            route.continue_()  # the others wait until the page is left
+
+    uploads = re.compile(r"/api/v1/maps/[^/]+/uploads")
+    page.route(uploads, first_only)
+    with page.expect_response(
+        lambda answer: uploads.search(answer.url) and answer.request.method == "PATCH"
+    ) as answer:
+        page.get_by_test_id("photo-input").set_input_files(photos[:3])
+    answer.value.finished()
+    slug = answer.value.url.split("/maps/")[1].split("/")[0]
+    page.unroute_all(behavior="ignoreErrors")
+    page.reload()
+    offer = page.get_by_test_id("begun-map")
+    expect(offer).to_contain_text("The upload to Begun was interrupted: it has 1 photo.")
+    assert axe.findings(page) == []
+    offer.get_by_role("button", name="Add the rest to it").click()
+    page.get_by_test_id("photo-input").set_input_files(photos[:3])
+    page.wait_for_url(f"**/maps/{slug}/image")
+    assert len(api.state(slug)["photos"]) == 3
+    page.goto("/new")
+    expect(page.get_by_test_id("choose-photos")).to_be_enabled()
+    expect(offer).to_have_count(0)

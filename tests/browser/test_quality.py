@@ -16,6 +16,8 @@ def test_it_is_tried_and_shown(make_page, api):
     expect(page.get_by_test_id("job-progress")).to_be_visible()
     shown = page.get_by_test_id("quality")
     expect(shown).to_have_count(2, timeout=WORK_MS)
+    assert axe.findings(page) == []
+    shown.first.get_by_text("Details", exact=True).click()
     expect(shown.first.locator("svg.chart")).to_have_count(2)
     expect(shown.first.get_by_role("row", name="Photos evaluated")).to_contain_text("6")
     assert axe.findings(page) == []

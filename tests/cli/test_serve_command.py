@@ -116,8 +116,8 @@ def test_it_says_where_it_is_and_stops_on_ctrl_c(folder, port):
         assert link.startswith(f"{url}/sign-in/")
         assert answers(url)
         assert urllib.request.urlopen(link, timeout=60).status == 200
-        assert len(processes(folder)) == 4
-        (background,) = processes(folder, "webapp worker")
+        assert len(processes(folder)) == 5
+        background, _ = processes(folder, "webapp worker")
         assert os.getpriority(os.PRIO_PROCESS, background) > os.getpriority(os.PRIO_PROCESS, server.pid)
         if (group := Path(f"/proc/{background}/autogroup")).exists():
             assert group.read_text().endswith(" nice 5\n")
@@ -174,13 +174,13 @@ def test_it_says_that_it_is_not_ready_finishes_its_requests_and_ends(folder, por
 def test_killed_processes_are_replaced(folder, port):
     with served(folder, port) as (server, url, _):
         master, (worker,) = web(folder)
-        (background,) = processes(folder, "webapp worker")
+        background, _ = processes(folder, "webapp worker")
         os.kill(worker, signal.SIGKILL)
         wait_for(lambda: web(folder)[1] not in ([], [worker]))
         wait_for(lambda: answers(url))
         assert web(folder)[0] == master
         os.kill(background, signal.SIGKILL)
-        wait_for(lambda: processes(folder, "webapp worker").keys() - {background})
+        wait_for(lambda: len(processes(folder, "webapp worker").keys() - {background}) == 2)
         os.kill(master, signal.SIGKILL)
         # The supervisor holds the socket: connections wait instead of being refused.
         assert answers(url)
@@ -190,7 +190,7 @@ def test_killed_processes_are_replaced(folder, port):
 
 def test_without_the_supervisor_all_end_and_the_next_can_start(folder, port):
     with served(folder, port) as (server, _, _):
-        wait_for(lambda: len(processes(folder)) == 4)
+        wait_for(lambda: len(processes(folder)) == 5)
         orphans = processes(folder).keys() - {server.pid}
         server.kill()
         server.wait()
@@ -200,7 +200,7 @@ def test_without_the_supervisor_all_end_and_the_next_can_start(folder, port):
         with served(folder, port) as (_, url, _):
             assert answers(url)
             wait_for(lambda: not orphans & processes(folder).keys())
-            wait_for(lambda: len(processes(folder)) == 4)
+            wait_for(lambda: len(processes(folder)) == 5)
 
 
 def test_web_processes_end_at_once_with_the_supervisor_even_in_a_request(folder, port, monkeypatch):
@@ -301,6 +301,27 @@ def test_the_worker_alone_does_what_waits(folder):
     with library.database.read() as session:
         assert session.get(Job, id).state == "failed"  # the map has no image
     library.database.close()
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
+def test_a_worker_has_a_process_for_short_jobs_that_ends_with_it(folder, how):
+    words = [sys.executable, "-m", "webapp", "worker", "--library", str(folder)]
+    with subprocess.Popen(words, cwd=ROOT) as worker:
+        try:
+            until = time.monotonic() + 60
+            while not (beside := [pid for pid in processes(folder) if pid != worker.pid]):
+                assert time.monotonic() < until
+                time.sleep(0.1)
+            while len([*(folder / ".library" / "workers").glob("*-short.lock")]) != 1:
+                assert time.monotonic() < until
+                time.sleep(0.1)
+        finally:
+            worker.send_signal(how)
+    assert len(beside) == 1
+    until = time.monotonic() + 30
+    while processes(folder):
+        assert time.monotonic() < until
+        time.sleep(0.1)
 
 
 def test_gunicorn_has_no_control_socket_and_forks_before_it_loads():

@@ -17,7 +17,7 @@ from webapp.app.registry import REGISTRY
 from webapp.app.web import create_app
 from webapp.extras import is_installed
 from webapp.files.object_storage import storage
-from webapp.jobs.kinds import JobRegistry
+from webapp.jobs.kinds import JobRegistry, Kind
 from webapp.jobs.worker import Worker
 from webapp.store.accounts import accounts
 from webapp.store.operate import jobs
@@ -74,7 +74,7 @@ def test_a_job_is_cancelled_from_a_page_and_the_workers_are_free(tmp_path, new_l
     page = app.test_client()
     with page.session_transaction() as cookie:
         cookie.update(_user_id=f"{owner.id}.{owner.epoch}", session_id="0" * 32)
-    own = JobRegistry({**REGISTRY.kinds, "slow": "tests.cluster.slow_job:compute"}, REGISTRY.sweeps)
+    own = JobRegistry({**REGISTRY.kinds, "slow": Kind("tests.cluster.slow_job:compute")}, REGISTRY.sweeps)
     begun = lambda: len([*library.inner.glob("part-*")])  # noqa: E731
     with (
         cluster(tmp_path) as dask,

@@ -5,7 +5,7 @@ import pytest
 from webapp.core.geo.floors import floor_name_problem
 from webapp.core.mapmodel.control_points import name_problem
 from webapp.core.mapmodel.notes import NOTE_TEXT, title_problem
-from webapp.core.texts import has_controls, is_line, looks, plain, tidy_name, visible
+from webapp.core.texts import has_controls, is_line, looks, plain, significant, tidy_name, visible
 
 FAMILY = "👨\u200d👩\u200d👧"
 
@@ -81,3 +81,24 @@ def test_names_that_look_alike(one, other):
 )
 def test_names_that_do_not_look_alike(one, other):
     assert looks(one) != looks(other)
+
+
+@pytest.mark.parametrize("power", range(-9, 10))
+def test_a_number_of_any_size_has_its_three_first_digits(power):
+    for n in range(1, 1000, 7):
+        value = (1.0 + n * 0.008999) * 10.0**power
+        text = significant(value)
+        assert "e" not in text.lower()
+        assert abs(float(text) - value) <= 0.0051 * value, (value, text)
+        assert float(significant(-value)) == -float(text)
+
+
+def test_round_numbers_are_short():
+    assert [significant(n) for n in (0.0, 0.0999, 0.1, 999.7, 1234.5, 2.0)] == [
+        "0",
+        "0.0999",
+        "0.1",
+        "1000",
+        "1230",
+        "2",
+    ]

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from webapp.app.registry import REGISTRY
-from webapp.jobs.kinds import JobRegistry
+from webapp.jobs.kinds import JobRegistry, Kind
 from webapp.settings import JobSettings, Settings
 from webapp.store.accounts import accounts
 from webapp.store.maps import maps
@@ -18,7 +18,7 @@ from webapp.store.operate import job_views, jobs
 
 ROOT = Path(__file__).resolve().parents[2]
 KINDS = {
-    name: f"kinds_for_tests:{name}"
+    name: Kind(f"kinds_for_tests:{name}", short=name == "fine")
     for name in ("count", "fine", "refuse", "mistake", "lose", "away", "outlive", "stubborn", "write")
 }
 
@@ -77,11 +77,11 @@ def start(settings):
     """Start a worker process that knows the kinds of the tests."""
     started = []
 
-    def run(*, lease_s=60.0):
+    def run(*, lease_s=60.0, only_short=False):
         kept = ("PYTHONPATH", "EXPMAP_DATABASE")
         environ = {"PYTHONPATH": str(ROOT)} | {name: os.environ[name] for name in kept if name in os.environ}
         program = Path(__file__).with_name("kinds_for_tests.py")
-        command = [sys.executable, program, settings.library, str(lease_s)]
+        command = [sys.executable, program, settings.library, str(lease_s), *["short"] * only_short]
         process = subprocess.Popen(command, cwd=ROOT, env=environ)
         started.append(process)
         return process

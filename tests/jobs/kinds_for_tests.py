@@ -9,7 +9,7 @@ from pathlib import Path
 
 from webapp import errors
 from webapp.errors import ProcessLost, StorageError
-from webapp.jobs.kinds import JobRegistry
+from webapp.jobs.kinds import JobRegistry, Kind
 from webapp.jobs.worker import Worker
 from webapp.settings import JobSettings, Settings
 from webapp.store.library import open_library
@@ -94,10 +94,16 @@ def write(context):
 
 if __name__ == "__main__":
     logging.basicConfig(level=logging.INFO)
-    registry = JobRegistry({name: f"kinds_for_tests:{name}" for name in ("count", "stubborn", "write")})
+    longs = {name: Kind(f"kinds_for_tests:{name}") for name in ("count", "stubborn", "write")}
+    registry = JobRegistry(longs | {"fine": Kind("kinds_for_tests:fine", short=True)})
     folder = Path(sys.argv[1])
     limits = JobSettings(lease_s=float(sys.argv[2]), stop_s=0.5, export_s=0.2)
     settings = replace(Settings(), library=folder, jobs=limits)
-    working = Worker(open_library(folder, url=os.environ.get("EXPMAP_DATABASE")), settings, registry=registry)
+    working = Worker(
+        open_library(folder, url=os.environ.get("EXPMAP_DATABASE")),
+        settings,
+        registry=registry,
+        only_short="short" in sys.argv,
+    )
     working.stop_on_signals()
     working.run()

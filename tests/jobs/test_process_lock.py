@@ -3,12 +3,12 @@
 import subprocess
 import sys
 
-from webapp.jobs.worker import ProcessLock
+from webapp.jobs.process_lock import ProcessLock
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from webapp.jobs.worker import ProcessLock
+from webapp.jobs.process_lock import ProcessLock
 sign = ProcessLock(Path(sys.argv[1]))
 print(sign.name, flush=True)
 time.sleep(600)

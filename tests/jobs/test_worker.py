@@ -4,6 +4,7 @@ import logging
 import os
 import signal
 import threading
+import time
 from dataclasses import replace
 
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from webapp.errors import ClusterUnavailable, DatabaseUnavailable, FolderInUse, StorageUnavailable
 from webapp.jobs import worker as worker_module
 from webapp.jobs.worker import Worker
+from webapp.store.accounts import accounts
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Limits
 from webapp.store.schema import MapRecord
@@ -225,6 +227,40 @@ def test_stopped_in_a_long_step_without_a_database_it_ends_all_the_same(
     with pytest.raises(SystemExit) as left:
         worker.run()
     assert left.value.code == 0
+
+
+def test_short_jobs_start_within_three_seconds_beside_a_long_one(library, start, queue, seen, park, wait_for):
+    """Both processes of a worker, also after the one for short jobs was killed with a job."""
+    long = queue("count", map_id=park, arguments={"steps": 2000, "seconds": 0.02})
+    start()
+    wait_for(lambda: seen(long)["state"] == "running")
+    short = start(only_short=True)
+    first = queue("fine", map_id=park)
+    wait_for(lambda: seen(first)["state"] == "done")
+    begun = time.monotonic()
+    for n in range(3):
+        id = queue("fine", map_id=park, key=str(n))
+        wait_for(lambda id=id: seen(id)["state"] == "done")
+    assert time.monotonic() - begun < 3 * 3
+    short.kill()
+    short.wait()
+    waiting = queue("fine", map_id=park, key="after")
+    start(only_short=True)
+    wait_for(lambda: seen(waiting)["state"] == "done")
+    assert seen(long)["state"] == "running" and steps(library) < 2000
+
+
+def test_a_job_in_the_background_makes_room_and_continues_where_it_was(library, start, queue, seen, wait_for):
+    with library.database.write() as session:
+        ana = accounts.ensure_owner(session).id
+    background = queue("count", arguments={"steps": 150, "seconds": 0.05})
+    start()
+    wait_for(lambda: steps(library) >= 2)
+    asked = queue("count", account_id=ana, key="asked", arguments={"steps": 0})
+    wait_for(lambda: seen(asked)["state"] == "done")
+    assert steps(library) < 150
+    wait_for(lambda: seen(background)["state"] == "done")
+    assert seen(background)["result"]["steps"] < 150, "what was done was kept"
 
 
 def test_who_is_stopped_for_long_keeps_nothing_of_what_it_does_then(

@@ -382,6 +382,8 @@ export interface components {
             problem?: string;
             skipped?: components["schemas"]["RemarkOut"][];
             sources?: components["schemas"]["FoundTrackOut"][];
+            /** @description Proposed for tracks in the robot's frame, if the file also has positions on the Earth from the same time; else null. */
+            start?: components["schemas"]["ProposedStartOut"] | null;
             table?: components["schemas"]["TableOut"] | null;
         };
         ControlPointIn: {
@@ -824,6 +826,12 @@ export interface components {
             notes?: string[];
             placed?: boolean;
         };
+        JobBehind: {
+            kind?: string;
+            /** @description null: it is of no map, or of one that you may not see. */
+            map_name?: string | null;
+            seconds_left?: number | null;
+        };
         JobErrorOut: {
             hint?: string | null;
             message?: string;
@@ -836,6 +844,8 @@ export interface components {
             job?: number;
         };
         JobSchema: {
+            /** @description What it waits for; null: it waits for nothing. */
+            behind?: components["schemas"]["JobBehind"] | null;
             created_at?: string;
             done?: number;
             error?: components["schemas"]["JobErrorOut"] | null;
@@ -892,6 +902,8 @@ export interface components {
             points?: (number | null)[][];
         };
         ListedJob: {
+            /** @description What it waits for; null: it waits for nothing. */
+            behind?: components["schemas"]["JobBehind"] | null;
             /** @description Who has started it; null: a change of the map did. */
             by?: string | null;
             /** @description Whether you may cancel it or try it again. */
@@ -1131,7 +1143,7 @@ export interface components {
             can_edit?: boolean;
             changed_at?: string;
             created_at?: string;
-            /** @description Of the track that knows it best. */
+            /** @description Of all tracks from the source that knows it best. */
             distance_m?: number;
             duration_s?: number;
             ended_at?: string | null;
@@ -1242,7 +1254,7 @@ export interface components {
             created_at?: string;
             /** @description For the events: the state of the mission that is known. */
             cursor?: string;
-            /** @description Of the track that knows it best. */
+            /** @description Of all tracks from the source that knows it best. */
             distance_m?: number;
             duration_s?: number;
             ended_at?: string | null;
@@ -1274,7 +1286,7 @@ export interface components {
             can_edit?: boolean;
             changed_at?: string;
             created_at?: string;
-            /** @description Of the track that knows it best. */
+            /** @description Of all tracks from the source that knows it best. */
             distance_m?: number;
             duration_s?: number;
             ended_at?: string | null;
@@ -1758,6 +1770,12 @@ export interface components {
             speed_mps?: (number | null)[];
             time_s?: number[];
             travelled_m?: number[];
+        };
+        ProposedStartOut: {
+            /** @description Clockwise from north. */
+            heading_deg?: number;
+            lat?: number;
+            lon?: number;
         };
         PyramidOut: {
             max_zoom?: number;

@@ -56,3 +56,13 @@ test("times of missions", () => {
   assert.deepEqual([3.456, 34.56, 345.6, 3456, 34560].map(missions.lengthText), ["3.46 m", "34.6 m", "346 m", "3.46 km", "34.6 km"]);
   assert.equal(missions.trackName({ source: "gps", name: "left" }), "GPS · left");
 });
+
+test("a length of any size has its three first digits", () => {
+  for (let power = -3; power < 8; power += 1) {
+    for (let n = 0; n < 1000; n += 7) {
+      const value = (1 + n * 0.008999) * 10 ** power;
+      const shown = Number(metresText(value).replaceAll(",", ""));
+      assert.ok(Math.abs(shown - value) <= 0.0051 * value, `${value} is shown as ${metresText(value)}`);
+    }
+  }
+});

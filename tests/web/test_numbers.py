@@ -72,3 +72,16 @@ def test_a_change_of_what_no_column_can_hold_is_refused(client, park):
 
     assert [sent(LARGEST), sent(LARGEST + 1)] == [404, 422]
     assert client.patch(f"/api/v1/maps/park/experiences/{LARGEST + 1}", json={}).status_code == 404
+
+
+@pytest.mark.parametrize(("language", "comma"), [("en", "."), ("cs", ",")])
+def test_numbers_of_any_size_on_pages_have_three_digits(app, language, comma):
+    """Babel's pattern `@##` shows 0.0999 as 0.01."""
+    show = app.jinja_env.filters["significant"]
+    with app.test_request_context(headers={"Accept-Language": language}):
+        assert show(0.0999) == f"0{comma}0999"
+        for power in range(-8, 9):
+            for n in range(1, 1000, 37):
+                value = (1.0 + n * 0.008999) * 10.0**power
+                text = "".join(c for c in show(value) if c.isdigit() or c == comma).replace(comma, ".")
+                assert abs(float(text) - value) <= 0.0051 * value, (value, show(value))

@@ -1,5 +1,6 @@
 """Every text of pages and scripts is translated to every language, and compiled catalogues are up to date."""
 
+import ast
 import importlib.util
 import re
 from collections import defaultdict
@@ -151,3 +152,26 @@ def test_each_plural_form_is_for_a_plural_of_its_own(app, language):
         catalogue = script_catalogue()
     assert len(set(catalogue["plurals"])) == len(catalogue["messages"]["{n} second"])
     assert {"one", "other"} <= set(catalogue["plurals"])
+
+
+def test_no_translated_text_is_in_an_f_string():
+    """The texts are gathered by Babel, which does not look into f-strings."""
+    names = {"_", "gettext", "ngettext", "lazy_gettext"}
+    found = [
+        f"{path}:{node.lineno}"
+        for path in TRANSLATIONS.parents[1].rglob("*.py")
+        for outer in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(outer, ast.JoinedStr)
+        for node in ast.walk(outer)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in names
+    ]
+    assert found == []
+
+
+def test_jobs_say_what_they_do_in_plain_words(app):
+    with app.test_request_context(headers={"Accept-Language": "en"}):
+        said = [
+            translate_job({"note": note, "error": None})["note"]
+            for note in ("training", "second look: xfeat")
+        ]
+    assert said == ["learning what the photos look like", "the same for a second look at difficult photos"]

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from webapp.jobs import kinds
-from webapp.jobs.kinds import JobRegistry
+from webapp.jobs.kinds import JobRegistry, Kind
 from webapp.missions.store import missions
 from webapp.missions.tasks import delete as delete_mission
 from webapp.missions.tasks import fuse, thin_tracks
@@ -18,16 +18,16 @@ from webapp.tasks.operate.second_looks import queue_second_looks
 
 _KINDS = {
     **kinds.KINDS,
-    "mission-delete": "webapp.missions.jobs:delete_mission",
-    "mission-fix": "webapp.missions.jobs:localize_mission_photos",
-    "mission-fuse": "webapp.missions.jobs:fuse_mission",
-    "mission-import": "webapp.missions.jobs:import_mission_file",
-    "mission-inspect": "webapp.missions.jobs:inspect_mission_file",
-    "mission-pieces": "webapp.missions.jobs:build_track_pieces",
-    thin_tracks.THIN_JOB: "webapp.missions.jobs:thin_old_tracks",
-    "sample": "webapp.sample.job:make_sample_map",
+    "mission-delete": Kind("webapp.missions.jobs:delete_mission", short=True),
+    "mission-fix": Kind("webapp.missions.jobs:localize_mission_photos"),
+    "mission-fuse": Kind("webapp.missions.jobs:fuse_mission", short=True),
+    "mission-import": Kind("webapp.missions.jobs:import_mission_file", short=True),
+    "mission-inspect": Kind("webapp.missions.jobs:inspect_mission_file", short=True),
+    "mission-pieces": Kind("webapp.missions.jobs:build_track_pieces", short=True),
+    thin_tracks.THIN_JOB: Kind("webapp.missions.jobs:thin_old_tracks"),
+    "sample": Kind("webapp.sample.job:make_sample_map", short=True),
 }
-"""Name of each kind of job to "module:function", imported for the first job of its kind."""
+"""The kinds by their names."""
 
 REGISTRY = JobRegistry(
     kinds=_KINDS,

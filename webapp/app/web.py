@@ -5,6 +5,7 @@ from __future__ import annotations
 from apiflask import APIFlask
 from flask import Blueprint
 
+from webapp.app.registry import REGISTRY
 from webapp.missions.store import shares
 from webapp.missions.web import (
     api_batches,
@@ -119,6 +120,7 @@ PARTS = Parts(
     public_lists={"missions": shares.public},
     path_parameters=PATH_PARAMETERS,
     operations=api_staged.OPERATIONS | mission_shares.OPERATIONS | operate_models.OPERATIONS,
+    short_jobs=REGISTRY.short(),
 )
 
 

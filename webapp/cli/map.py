@@ -15,6 +15,7 @@ from webapp.cli.progressbar import terminal_progress
 from webapp.core.geo.controlpoints import Model
 from webapp.core.hypotheses.places import KIND_WORDS
 from webapp.core.mapmodel.findings import Finding
+from webapp.core.texts import significant
 from webapp.errors import UsageError
 from webapp.progress import Progress
 from webapp.tasks.exchange.export_source import of_folder
@@ -278,7 +279,7 @@ def from_photos(
 def _show_warnings(report: map_from_photos.PlaceReport) -> None:
     """Print residuals and warnings, and whether no map was written, to standard error."""
     if report.residuals_m:
-        metres = " ".join(f"{residual:.3g}" for residual in report.residuals_m)
+        metres = " ".join(significant(round(residual, 6)) for residual in report.residuals_m)
         click.echo(f"residuals of the control points, metres: {metres}", err=True)
     for warning in report.warnings:
         click.echo(f"warning: {warning}", err=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -14,6 +15,7 @@ import click
 from webapp import telemetry
 from webapp.cli.composition import Composition
 from webapp.cli.library import library_option, library_settings
+from webapp.cli.progressbar import TerminalProgress
 from webapp.configuration import refuse_script_name
 from webapp.jobs import serving
 from webapp.logs import FORMS, Form, log_to_stderr
@@ -24,6 +26,9 @@ _log = logging.getLogger(__name__)
 
 _NICENESS = 5
 """Niceness of a background worker: the pages have priority."""
+
+_NICENESS_SHORT = 2
+"""The same of one for short jobs, for which somebody waits."""
 
 _AUTOGROUP = Path("/proc/self/autogroup")
 
@@ -70,7 +75,8 @@ def serve(
     refuse_script_name()
     telemetry.start(settings.traces)
     site = serving.Site(composition.web_app, host, port, workers or settings.serve.workers, log)
-    serving.serve(site, settings=settings, echo=click.echo)
+    shown = TerminalProgress("making the sample map") if sys.stderr.isatty() else None
+    serving.serve(site, settings=settings, echo=click.echo, progress=shown)
 
 
 @click.command()
@@ -79,16 +85,20 @@ def serve(
 @click.option(
     "--parent", type=int, metavar="PID", help="Exit when this process, which started it, has ended."
 )
+@click.option("--short", is_flag=True, help="Do only short jobs, for which people wait.")
 @log_option
 @click.pass_obj
-def worker(composition: Composition, library: Path | None, once: bool, parent: int | None, log: Form) -> None:
+def worker(
+    composition: Composition, library: Path | None, once: bool, parent: int | None, short: bool, log: Form
+) -> None:
     """Run the background jobs of a library until Ctrl-C.
 
     `expmap serve` starts one itself. Further workers share the work, on this machine or on others that can
-    access the same library.
+    access the same library. Each has a second process beside it for short jobs, which so never wait behind
+    long ones.
     """
     if parent is not None:
-        _give_way()
+        _give_way(_NICENESS_SHORT if short else _NICENESS)
     from webapp.jobs.worker import Worker  # loads OpenCV, which the server does not need
     from webapp.tasks.operate.models import advice  # so does this
 
@@ -97,18 +107,23 @@ def worker(composition: Composition, library: Path | None, once: bool, parent: i
     telemetry.start(settings.traces)
     opened = open_library(settings.library, url=settings.database)
     open_storage(opened, settings)
-    if parent is not None and (said := advice(settings)):
+    if parent is not None and not short and (said := advice(settings)):
         _log.info(said)
-    working = Worker(opened, settings, registry=composition.registry(), parent=parent)
+    registry = composition.registry()
+    working = Worker(opened, settings, registry=registry, parent=parent, only_short=short)
     working.stop_on_signals()
-    working.run(once=once)
+    alone = once or short or parent is not None
+    beside = 0 if alone else settings.jobs.short_workers
+    children = [serving.worker_child(opened, log=log, short=True) for _ in range(beside)]
+    with serving.kept_running(children, stop_s=settings.jobs.stop_s + serving.SPARE_S):
+        working.run(once=once)
     opened.database.close()
 
 
-def _give_way() -> None:
+def _give_way(niceness: int) -> None:
     """Lower this process's priority, also that of its session: Linux may share the cores between sessions."""
     if hasattr(os, "nice"):
-        os.nice(_NICENESS)
+        os.nice(niceness)
     if _AUTOGROUP.exists():
         with suppress(OSError):  # the session belongs to another user, or its priority was just changed
-            _AUTOGROUP.write_text(str(_NICENESS))
+            _AUTOGROUP.write_text(str(niceness))

@@ -1,7 +1,8 @@
-"""User-entered text: permitted characters, and normalisation of names."""
+"""User-entered text: permitted characters, and normalisation of names. Numbers as text."""
 
 from __future__ import annotations
 
+from decimal import Context, Decimal
 from unicodedata import category, normalize
 
 _CONTROLS = ("Cc", "Cs", "Zl", "Zp")
@@ -75,3 +76,9 @@ def folded(text: str) -> str:
     if text.isascii():
         return " ".join(text.split()).casefold()
     return "".join(c for c in normalize("NFKD", plain(text)) if category(c) != "Mn")
+
+
+def significant(value: float, digits: int = 3) -> str:
+    """Return a number rounded to significant digits, without trailing zeros and never with an exponent."""
+    rounded = Context(prec=digits).create_decimal_from_float(value)
+    return f"{rounded.normalize() if rounded else Decimal(0):f}"

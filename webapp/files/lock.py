@@ -144,15 +144,16 @@ def rate_limited(path: Path, *, gap_s: float, wait_s: float) -> Iterator[None]:
         lock.release()
 
 
-def any_alive(folder: Path) -> bool:
+def any_alive(folder: Path, *, but: str = "") -> bool:
     """Return whether a process has locked one of the files in a folder.
 
     If several machines share the disk and its locks, the process may be on any of them.
 
     Args:
         folder: Contains `*.lock` files; may be missing.
+        but: Pattern of the names of files that do not count.
     """
-    return any(_is_held(path) for path in folder.glob("*.lock"))
+    return any(_is_held(path) for path in folder.glob("*.lock") if not path.match(but or "-"))
 
 
 def _is_held(path: Path) -> bool:

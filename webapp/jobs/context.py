@@ -81,6 +81,7 @@ class JobProgress(Progress):
         self._done = 0
         self._note = ""
         self._stop = threading.Event()
+        self._gives_way = threading.Event()
 
     def plan(self, *sizes: int) -> None:
         """Announce the approximate steps of all stages; `size` replaces the value of each when it begins."""
@@ -111,6 +112,15 @@ class JobProgress(Progress):
     def stop(self) -> None:
         """Request that the work stops."""
         self._stop.set()
+
+    def give_way(self) -> None:
+        """Request that the work stops to be continued later."""
+        self._gives_way.set()
+        self._stop.set()
+
+    def gives_way(self) -> bool:
+        """Return whether the work was stopped to be continued later."""
+        return self._gives_way.is_set()
 
     def state(self) -> tuple[int, int, str]:
         """Return the finished steps, the total, and the description of the current step."""

@@ -14,6 +14,7 @@ from webapp.errors import StorageError
 from webapp.files.lock import any_alive
 from webapp.files.object_storage.storage import in_use
 from webapp.jobs.draining import is_draining
+from webapp.jobs.process_lock import SHORT_LOCKS
 from webapp.settings import Settings
 from webapp.store.library import Library, has_library
 
@@ -57,7 +58,7 @@ class Health:
             "disk": self._disk_has_room() and not self._is_read_only(),
         }
         if self.settings.serve.job_workers:
-            parts["worker"] = any_alive(self.library.inner / "workers")
+            parts["worker"] = any_alive(self.library.inner / "workers", but=SHORT_LOCKS)
         if self.settings.database is not None:
             parts["folder"] = has_library(self.library.folder)
         storage = in_use()

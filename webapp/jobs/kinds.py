@@ -1,7 +1,8 @@
 """Kinds of jobs: each has a name and a function, which is imported for the first job of its kind.
 
 To add a kind, write a function of a `Context`, and add it to `KINDS` or to the table of a subpackage. It may
-be killed at any moment and is then called again: each step must be repeatable, and its result saved.
+be killed at any moment and is then called again: each step must be repeatable, and its result saved. A kind
+is short if it usually takes seconds and little memory, and somebody waits for it.
 """
 
 from __future__ import annotations
@@ -22,30 +23,43 @@ Function = Callable[[Context], Mapping[str, Any] | None]
 Sweep = Callable[[Library, Settings], object]
 """Deletes leftovers of interrupted work, or queues jobs that are due."""
 
-KINDS: dict[str, str] = {
-    "blur": "webapp.jobs.map_jobs:suggest_blurring",
-    "describe-library": "webapp.jobs.map_jobs:describe_all_maps",
-    "evaluate": "webapp.jobs.map_jobs:evaluate_map",
-    "export": "webapp.jobs.map_jobs:export_map_file",
-    "health": "webapp.jobs.map_jobs:find_weak_photos",
-    "import": "webapp.jobs.map_jobs:import_map_zip",
-    "index": "webapp.jobs.map_jobs:build_map_index",
-    "landmarks": "webapp.jobs.map_jobs:build_landmarks",
-    "models": "webapp.jobs.model_jobs:fetch_models",
-    "place-rest": "webapp.jobs.map_jobs:suggest_places",
-    "satellite-pyramid": "webapp.jobs.map_jobs:make_satellite_tiles",
-    "satellite-tiles": "webapp.jobs.map_jobs:fetch_satellite_tiles",
-    "street-photos": "webapp.jobs.map_jobs:fetch_street_photos",
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A kind of job."""
+
+    function: str  # "module:function"
+    short: bool = False  # Does not wait behind long work
+
+
+KINDS: dict[str, Kind] = {
+    "blur": Kind("webapp.jobs.map_jobs:suggest_blurring"),
+    "describe-library": Kind("webapp.jobs.map_jobs:describe_all_maps"),
+    "evaluate": Kind("webapp.jobs.map_jobs:evaluate_map"),
+    "export": Kind("webapp.jobs.map_jobs:export_map_file", short=True),
+    "health": Kind("webapp.jobs.map_jobs:find_weak_photos"),
+    "import": Kind("webapp.jobs.map_jobs:import_map_zip", short=True),
+    "index": Kind("webapp.jobs.map_jobs:build_map_index"),
+    "landmarks": Kind("webapp.jobs.map_jobs:build_landmarks"),
+    "models": Kind("webapp.jobs.model_jobs:fetch_models", short=True),
+    "place-rest": Kind("webapp.jobs.map_jobs:suggest_places"),
+    "satellite-pyramid": Kind("webapp.jobs.map_jobs:make_satellite_tiles", short=True),
+    "satellite-tiles": Kind("webapp.jobs.map_jobs:fetch_satellite_tiles", short=True),
+    "street-photos": Kind("webapp.jobs.map_jobs:fetch_street_photos", short=True),
 }
-"""Name of each kind to "module:function"."""
+"""The kinds by their names."""
 
 
 @dataclass(frozen=True, slots=True)
 class JobRegistry:
     """The kinds of jobs and the sweeps of a worker (all are in `webapp.app.registry`)."""
 
-    kinds: Mapping[str, str]  # Name of each kind of job to "module:function"
+    kinds: Mapping[str, Kind]  # By their names
     sweeps: tuple[Sweep, ...] = ()  # Run periodically, in addition to those of maps
+
+    def short(self) -> frozenset[str]:
+        """Return the names of the short kinds."""
+        return frozenset(name for name, kind in self.kinds.items() if kind.short)
 
     def function(self, kind: str) -> Function:
         """Import the function that does a kind of job.
@@ -58,5 +72,5 @@ class JobRegistry:
                 f"unknown kind of job: {kind!r}",
                 hint="if a newer version queued it, update this one",
             )
-        found: Function = import_name(self.kinds[kind])
+        found: Function = import_name(self.kinds[kind].function)
         return found

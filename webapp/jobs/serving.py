@@ -27,6 +27,7 @@ from webapp.jobs.connection_queue import CAN_PASS
 from webapp.jobs.draining import Drain
 from webapp.jobs.webserver import native_threads
 from webapp.logs import Form
+from webapp.progress import Progress
 from webapp.settings import METRICS_FOLDER, Settings, environment_for
 from webapp.store.accounts import accounts, sign_in
 from webapp.store.library import Library, open_library
@@ -41,6 +42,8 @@ _WELL_S = 5.0
 """A process that has run for this time counts as successfully started."""
 
 _STDERR = 2
+_LOOK_S, _SAY_S = 0.3, 5.0
+"""Intervals at which the progress of the sample map is read, and logged if it is not shown."""
 
 _log = logging.getLogger(__name__)
 _FREE_WITHIN_S = 4.0
@@ -49,7 +52,7 @@ _FREE_WITHIN_S = 4.0
 _MOST_FAILURES = 3
 _ANSWERS_WITHIN_S = 1.0
 _BACKLOG = 512
-_SPARE_S = 3.0
+SPARE_S = 3.0
 _HERE = {"0.0.0.0": "127.0.0.1", "::": "::1"}
 """Loopback addresses of a server that listens on all interfaces."""
 
@@ -65,10 +68,13 @@ class Site:
     log: Form = "text"  # "text" or "json". Form of the log.
 
 
-def serve(site: Site, *, settings: Settings, echo: Callable[[str], None]) -> None:
+def serve(
+    site: Site, *, settings: Settings, echo: Callable[[str], None], progress: Progress | None = None
+) -> None:
     """Serve a library until the process is stopped.
 
     Args:
+        progress: Shows how far the sample map of a first start is; None: the log says it.
         echo: Called once with `listening on URL` and once with `sign in: URL`, when the server answers.
 
     Raises:
@@ -85,7 +91,7 @@ def serve(site: Site, *, settings: Settings, echo: Callable[[str], None]) -> Non
         library = open_library(settings.library, url=settings.database)
         try:
             open_storage(library, settings)
-            start = _Start(library, listener, settings=settings)
+            start = _Start(library, listener, settings=settings, progress=progress)
             figures = on_end.enter_context(_metrics_folder(settings))
             more = {**figures, **drain.environment}
             acceptor = None
@@ -95,14 +101,14 @@ def serve(site: Site, *, settings: Settings, echo: Callable[[str], None]) -> Non
                 )
             end = listener if acceptor is None else acceptor.receiving_end
             web = _web(site, library, fds=(end.fileno(), drain.reading_end), more=more)
-            children = [web, *(_worker(site, library) for _ in range(settings.serve.job_workers))]
+            children = [web, *_workers(site, library, settings=settings)]
             keep_running(
                 children,
                 each_tick=lambda: start.look(web, echo=echo),
                 acceptor=acceptor,
                 drain=drain,
                 drain_s=settings.serve.drain_s,
-                stop_s=max(settings.serve.stop_s, settings.jobs.stop_s) + _SPARE_S,
+                stop_s=max(settings.serve.stop_s, settings.jobs.stop_s) + SPARE_S,
             )
         finally:
             library.database.close()
@@ -163,20 +169,73 @@ def _web(site: Site, library: Library, *, fds: tuple[int, int], more: Mapping[st
     )  # fmt: skip
 
 
-def _worker(site: Site, library: Library) -> Child:
-    command = ["worker", "--library", str(library.folder), "--parent", str(os.getpid()), "--log", site.log]
+def _workers(site: Site, library: Library, *, settings: Settings) -> list[Child]:
+    """Make the workers for all jobs, and those for short ones only, which never wait behind long ones."""
+    if not settings.serve.job_workers:
+        return []
+    whole = [worker_child(library, log=site.log, short=False) for _ in range(settings.serve.job_workers)]
+    return whole + [
+        worker_child(library, log=site.log, short=True) for _ in range(settings.jobs.short_workers)
+    ]
+
+
+def worker_child(library: Library, *, log: Form, short: bool) -> Child:
+    """Make a background worker that ends with this process.
+
+    Args:
+        short: Whether it does only short jobs.
+    """
+    command = ["worker", "--library", str(library.folder), "--parent", str(os.getpid()), "--log", log]
     return Child(
-        "the background worker",
-        [sys.executable, "-m", "webapp", *command],
+        "the background worker for short jobs" if short else "the background worker",
+        [sys.executable, "-m", "webapp", *command, *(["--short"] if short else [])],
         environment=environment_for(),
     )
+
+
+@contextmanager
+def kept_running(children: Sequence[Child], *, stop_s: float) -> Iterator[None]:
+    """Keep processes running during the block, from a thread; then stop them.
+
+    Args:
+        stop_s: Seconds that the processes have to stop before they are killed.
+    """
+    ended = threading.Event()
+
+    def tend() -> None:
+        while not ended.wait(_TICK_S):
+            for child in children:
+                child.tend()
+
+    thread = threading.Thread(target=tend, name="children", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+        for child in children:
+            child.ask_to_stop()
+        until = time.monotonic() + stop_s
+        for child in children:
+            child.wait(until)
 
 
 class _Start:
     """The sample map of a first start, a sign-in link, and the two lines printed when all is ready."""
 
-    def __init__(self, library: Library, listener: socket.socket, *, settings: Settings) -> None:
+    def __init__(
+        self,
+        library: Library,
+        listener: socket.socket,
+        *,
+        settings: Settings,
+        progress: Progress | None = None,
+    ) -> None:
         self._library = library
+        self._progress = progress
+        self._shown = (0, 0)  # Steps done and in total, as shown last
+        self._look_at = self._say_at = 0.0
         host, port = listener.getsockname()[:2]
         self._address = (_HERE.get(host, host), port)
         self._announced = self._web_answers = False
@@ -186,7 +245,7 @@ class _Start:
             self._token = sign_in.new_link(session, owner, hours=settings.web.link_hours)
             self._sample = None
             if session.scalars(select(MapRecord.id).limit(1)).first() is None:
-                _log.info("getting the sample map ready, which can take half a minute")
+                _log.info("first start: the sample map is made now, then the address is printed")
                 sample = jobs.newest(session, None, kind="sample", key="")
                 if sample is None or sample.state in ENDED:  # otherwise it is already being made
                     sample = jobs.enqueue(session, "sample", account_id=owner.id)
@@ -202,7 +261,9 @@ class _Start:
             return
         if web.failures >= _MOST_FAILURES:
             raise ExpMapError("the web server did not start", hint="the messages above say why")
-        if self._answers() and self._sample_is_made():
+        if self._sample_is_made() and self._answers():
+            if self._progress is not None:
+                self._progress.size(0)
             host, port = self._address
             url = f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
             echo(f"listening on {url}")
@@ -212,8 +273,27 @@ class _Start:
     def _sample_is_made(self) -> bool:
         if self._sample is None:
             return True
+        if time.monotonic() < self._look_at:
+            return False
+        self._look_at = time.monotonic() + _LOOK_S
         with self._library.database.read() as session:
-            return jobs.find(session, self._sample).state in ENDED
+            job = jobs.find(session, self._sample)
+            self._show(job.done, job.total)
+            if job.state in ENDED:
+                self._sample = None
+        return self._sample is None
+
+    def _show(self, done: int, total: int) -> None:
+        """Show how far the sample map is."""
+        if self._progress is not None:
+            if total != self._shown[1]:
+                self._progress.size(total)
+                self._shown = (0, total)
+            self._progress.advance(done - self._shown[0])
+        elif time.monotonic() > self._say_at and total:
+            _log.info("making the sample map: %d of %d steps", done, total)
+            self._say_at = time.monotonic() + _SAY_S
+        self._shown = (done, total)
 
     def _answers(self) -> bool:
         """Return whether the web processes have answered a request, which waits in their queue meanwhile."""

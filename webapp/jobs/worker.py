@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import logging
 import os
-import secrets
 import signal
-import socket
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +18,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
 from sqlalchemy import select
 
 from webapp.errors import (
@@ -36,11 +33,12 @@ from webapp.errors import (
 from webapp.files.atomic import storage_error, takes_nothing
 from webapp.jobs.context import Context, JobProgress
 from webapp.jobs.kinds import JobRegistry, Sweep
+from webapp.jobs.process_lock import ProcessLock
 from webapp.logs import at_work
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.operate import jobs
-from webapp.store.operate.jobs import Lease, Limits
+from webapp.store.operate.jobs import Lanes, Lease, Limits
 from webapp.store.schema import Job, MapRecord
 from webapp.tasks.find.queue_refresh import queue_refresh
 from webapp.tasks.maps import delete_map, photo_files
@@ -75,16 +73,24 @@ class Worker:
 
     Args:
         parent: Id of the process that started this one; the worker stops when it is gone.
+        only_short: Whether it takes only short jobs, and leaves sweeps and the maps' files to other workers.
     """
 
     def __init__(
-        self, library: Library, settings: Settings, *, registry: JobRegistry, parent: int | None = None
+        self,
+        library: Library,
+        settings: Settings,
+        *,
+        registry: JobRegistry,
+        parent: int | None = None,
+        only_short: bool = False,
     ) -> None:
         self._library = library
         self._registry = registry
         self._settings = settings
         self._parent = parent
-        self._lock = ProcessLock(library.inner / "workers")
+        self._lanes = Lanes(registry.short(), only_short)
+        self._lock = ProcessLock(library.inner / "workers", short=only_short)
         self._stopping = threading.Event()
         self._stop_by = float("inf")
         self._clean_at = 0.0
@@ -97,7 +103,8 @@ class Worker:
             once: Return when the queue is empty.
         """
         exporter = threading.Thread(target=self._export, name="export", daemon=True)
-        if not once:
+        tends = not once and not self._lanes.only_short
+        if tends:
             exporter.start()
             threading.Thread(target=self._store, name="store", daemon=True).start()
         try:
@@ -116,7 +123,7 @@ class Worker:
                     self._stopping.wait(_IDLE_S)
         finally:
             self._ended.set()
-            if not once:
+            if tends:
                 exporter.join(self._settings.jobs.stop_s)
             self._lock.release()
 
@@ -127,11 +134,12 @@ class Worker:
             StorageUnavailable, ClusterUnavailable, FolderInUse, DatabaseUnavailable: With `once`: the job
                 failed temporarily, and is back in the queue.
         """
-        self._clean()
+        if not self._lanes.only_short:
+            self._clean()
         if once:
             export_late_maps(self._library)
         job = self._next(early=once)
-        error = None if job is None else self._do(job)
+        error = None if job is None else self._do(job, yields=not once)
         if once and isinstance(error, _PASSING):
             raise error  # otherwise it would be retried forever
         return job is not None
@@ -201,10 +209,14 @@ class Worker:
         limits = Limits(self._settings.jobs.lease_s, self._settings.jobs.attempts)
         with self._library.database.write(locks_rows=True) as session:
             who, is_gone = self._lock.name, self._lock.is_gone
-            return jobs.lease(session, who, limits=limits, is_gone=is_gone, early=early)
+            return jobs.lease(session, who, limits=limits, lanes=self._lanes, is_gone=is_gone, early=early)
 
-    def _do(self, job: Job) -> BaseException | None:
-        """Run a job in a thread while renewing its lease; returns its error."""
+    def _do(self, job: Job, *, yields: bool) -> BaseException | None:
+        """Run a job in a thread while renewing its lease; returns its error.
+
+        Args:
+            yields: Whether a job in the background makes room for one for which somebody waits.
+        """
         _log.info("job %d (%s), attempt %d", job.id, job.kind, job.attempts)
         begun = time.monotonic()
         context = Context(
@@ -219,7 +231,7 @@ class Worker:
         pool = ContextThreads(1, thread_name_prefix=f"job-{job.id}")
         with at_work(job=job.id):
             work: Work = pool.submit(self._work, job, context)
-        heart = _Heartbeat(context, self._settings.jobs.lease_s)
+        heart = _Heartbeat(context, self._settings.jobs.lease_s, yields_in=self._lanes if yields else None)
         while not wait([work], timeout=_TICK_S).done:
             heart.beat()
             if self._stops():
@@ -262,7 +274,7 @@ class Worker:
         with self._library.database.write() as session:
             if error is None:
                 ended, kept = "done", jobs.finish(session, lease, result=work.result())
-            elif isinstance(error, Cancelled) and self._stopping.is_set():
+            elif isinstance(error, Cancelled) and (self._stopping.is_set() or context.progress.gives_way()):
                 ended, kept = "given back", jobs.requeue(session, lease)
             elif isinstance(error, Cancelled):
                 ended, kept = "cancelled", jobs.stop(session, lease)
@@ -293,28 +305,38 @@ class Worker:
 
 
 class _Heartbeat:
-    """Renews a lease, records the progress, and passes on requests to cancel the job."""
+    """Renews a lease, records the progress, and passes on requests to cancel the job or to make room.
 
-    def __init__(self, context: Context, seconds: float) -> None:
+    Args:
+        seconds: Duration of the lease.
+        yields_in: The lanes of the worker; None: the job does not make room for others.
+    """
+
+    def __init__(self, context: Context, seconds: float, *, yields_in: Lanes | None = None) -> None:
         self._context = context
         self._seconds = seconds
+        self._lanes = yields_in
         self._written: tuple[int, int, str] | None = None
         self._beat_at = 0.0
 
     def beat(self, *, always: bool = False) -> None:
         """Renew the lease if the progress has changed or a second has passed; notice requests to cancel."""
-        progress = self._context.progress.state()
+        progress, gives_way = self._context.progress.state(), False
         if not always and progress == self._written and time.monotonic() < self._beat_at:
             return
         try:
             with self._context.library.database.write(locks_rows=True) as session:
                 job = jobs.beat(session, self._context.lease, seconds=self._seconds, progress=progress)
+                if job is not None and self._lanes is not None:
+                    gives_way = jobs.should_yield(session, self._context.lease, lanes=self._lanes)
         except StorageError as error:
             # The job continues: either the next beat is in time, or the lease is lost and it cannot write.
             _log.warning("the lease of job %d was not renewed: %s", self._context.lease.job_id, error)
             return
         if job is None or job.cancel_wanted:
             self._context.progress.stop()
+        elif gives_way:
+            self._context.progress.give_way()
         self._written, self._beat_at = progress, time.monotonic() + 1.0
 
 
@@ -351,43 +373,3 @@ def _sweep(sweeps: Sequence[Callable[[], object]]) -> None:
             sweep()
         except (ExpMapError, OSError) as error:
             _log.warning("what was left behind could not be deleted: %s", error)
-
-
-class ProcessLock:
-    """A worker's unique name, and a file of that name that stays locked while its process lives.
-
-    The system frees the lock however the process ends; unlike process ids, names are never reused.
-
-    Args:
-        folder: Folder with the lock files of a library's workers.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        self._folder = folder
-        self._host = f"{socket.gethostname()}:"
-        self.name = f"{self._host}{os.getpid()}:{secrets.token_hex(4)}"
-        self._lock = FileLock(self._path(self.name), timeout=0)
-        self._lock.acquire()
-
-    def is_gone(self, name: str) -> bool:
-        """Check whether a worker of this machine has ended; False for other machines, where it is unknown."""
-        if name == self.name or not name.startswith(self._host):
-            return False
-        path = self._path(name)
-        if not path.exists():
-            return True
-        try:
-            FileLock(path, timeout=0).acquire().lock.release()
-        except Timeout:
-            return False
-        path.unlink(missing_ok=True)
-        return True
-
-    def release(self) -> None:
-        """Release the lock and delete its file."""
-        self._lock.release()
-        self._path(self.name).unlink(missing_ok=True)
-
-    def _path(self, name: str) -> Path:
-        return self._folder / (name.removeprefix(self._host).replace(":", "-") + ".lock")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from statistics import median
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -10,6 +11,9 @@ from sqlalchemy.orm import Session
 from webapp.errors import NotFound
 from webapp.store.library import Library
 from webapp.store.schema import Account, MapRecord, QueryRecord, Share
+
+_USUAL, _LEAST_USUAL = 25, 3
+"""How many of the last answers the usual time is taken from, at most and at least."""
 
 
 def folder(library: Library, map_id: int) -> Path:
@@ -65,6 +69,14 @@ def list_queries(
     if before is not None:
         found = found.where(QueryRecord.id < before)
     return list(session.scalars(found.order_by(QueryRecord.id.desc()).limit(limit)))
+
+
+def usual_seconds(session: Session, record: MapRecord) -> float | None:
+    """Return the median time that the last answers of a map took; None if there are fewer than three."""
+    last = select(QueryRecord.answer).where(QueryRecord.map_id == record.id)
+    found = session.scalars(last.order_by(QueryRecord.id.desc()).limit(_USUAL))
+    times = [answer["seconds"]["total"] for answer in found if (answer.get("seconds") or {}).get("total")]
+    return median(times) if len(times) >= _LEAST_USUAL else None
 
 
 def answers(

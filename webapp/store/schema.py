@@ -6,7 +6,7 @@ import secrets
 from datetime import datetime
 from typing import Any, ClassVar
 
-from sqlalchemy import JSON, ForeignKey, Index, MetaData, UniqueConstraint, text
+from sqlalchemy import JSON, ForeignKey, Index, MetaData, UniqueConstraint, false, text
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
 from webapp.store.clock import UtcDateTime, now
@@ -100,6 +100,23 @@ class EndedSession(Base):
 
     id_hash: Mapped[str] = mapped_column(primary_key=True)
     at: Mapped[datetime] = mapped_column(default=now)
+
+
+class SignedIn(Base):
+    """A browser that has signed in to an account; only the hash of its session's id is stored."""
+
+    __tablename__ = "signed_in"
+    __table_args__ = IDS_USED_ONCE
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    account_id: Mapped[int] = mapped_column(ForeignKey("account.id", ondelete="CASCADE"), index=True)
+    id_hash: Mapped[str] = mapped_column(unique=True)
+    epoch: Mapped[int]
+    """Of the account then; another one now: it was signed out."""
+    device: Mapped[str]
+    """Browser and system."""
+    begun_at: Mapped[datetime] = mapped_column(default=now)
+    used_at: Mapped[datetime] = mapped_column(default=now)
 
 
 class ApiToken(Base):
@@ -360,6 +377,8 @@ class Job(Base):
     """Earliest time of the next try, if something was unavailable; by the clock of the database."""
     waits: Mapped[int] = mapped_column(default=0, server_default="0")
     """How often something was unavailable."""
+    urgent: Mapped[bool] = mapped_column(default=False, server_default=false())
+    """Whether somebody waits for it, so that it comes before work in the background."""
     created_at: Mapped[datetime] = mapped_column(default=now)
     started_at: Mapped[datetime | None]
     ended_at: Mapped[datetime | None] = mapped_column(index=True)

@@ -8,7 +8,7 @@ from typing import Any
 
 from babel import Locale
 from flask import Flask, request, session
-from flask_babel import Babel, get_locale, gettext
+from flask_babel import Babel, get_locale, gettext, lazy_gettext
 
 from webapp.errors import NotSignedIn
 from webapp.web.accounts import sessions
@@ -45,12 +45,31 @@ def translate(message: str) -> str:
     return str(gettext(message)) if message else message
 
 
+_PLAIN_NOTES = {
+    "calibrating the probabilities": lazy_gettext("checking how sure the answers may be"),
+    "computing global descriptors": lazy_gettext("comparing the photos as a whole"),
+    "joining": lazy_gettext("putting the index together"),
+    "leave-one-out": lazy_gettext("looking for each photo as if it were not on the map"),
+    "leave-one-place-out": lazy_gettext("the same without the photos around it"),
+    "training": lazy_gettext("learning what the photos look like"),
+}
+"""Notes of jobs in plain words; the command line shows them in those of the field."""
+
+_SECOND_LOOK = "second look: "
+
+
+def _plain_note(note: str) -> str:
+    if note.startswith(_SECOND_LOOK):
+        return str(gettext("the same for a second look at difficult photos"))
+    return str(_PLAIN_NOTES[note]) if note in _PLAIN_NOTES else translate(note)
+
+
 def translate_job(job: dict[str, Any]) -> dict[str, Any]:
     """Translate the note and the error of a job."""
     error = job["error"]
     if error:
         error = error | {part: translate(error[part]) for part in ("message", "hint") if error.get(part)}
-    return job | {"note": translate(job["note"]), "error": error}
+    return job | {"note": _plain_note(job["note"]), "error": error}
 
 
 def script_catalogue() -> dict[str, Any]:

@@ -18,7 +18,7 @@ from webapp.store.operate import job_views, jobs
 from webapp.store.schema import Account, Job, MapRecord
 from webapp.web.context import account, library, open_map, public, settings
 from webapp.web.fields import LATER, Boolean
-from webapp.web.language import translate_job
+from webapp.web.job_json import job_json
 from webapp.web.maps.schemas import JobSchema
 from webapp.web.pages import Tab, page
 
@@ -115,7 +115,7 @@ def _job_json(session: Session, job: Job) -> dict[str, Any]:
     if record is not None:
         role = maps.role_of(session, record, account=who)
     return {
-        **translate_job(job_views.to_json(session, job, account_id=who.id)),
+        **job_json(session, job, account=who),
         "map_name": None if record is None else record.name,
         "by": None if starter is None else starter.name,
         "can_change": job.account_id == who.id or role in ("editor", "owner"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
+from decimal import Decimal
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
@@ -12,6 +13,7 @@ from flask import Flask, current_app, redirect, request, url_for
 from flask_babel import LazyString, format_datetime, format_decimal, format_timedelta
 from werkzeug.wrappers import Response
 
+from webapp.core.texts import significant
 from webapp.extras import is_installed
 from webapp.store.clock import now
 from webapp.web import language
@@ -65,6 +67,12 @@ def init_app(app: Flask) -> None:
     app.add_template_filter(_ago, "ago")
     app.add_template_filter(_exact, "exact")
     app.add_template_filter(format_decimal, "decimal")
+    app.add_template_filter(_significant, "significant")
+
+
+def _significant(value: float) -> str:
+    """Format a number with three significant digits; Babel's own pattern for this, `@##`, cuts small ones."""
+    return str(format_decimal(Decimal(significant(value)), "#,##0.############"))
 
 
 def map_tabs() -> list[tuple[str, Tab]]:

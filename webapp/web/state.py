@@ -30,6 +30,7 @@ class Parts:
     path_parameters: Mapping[str, Mapping[str, Any]]
     # Parameters and bodies of routes that their schemas do not describe, by endpoint.
     operations: Mapping[str, Mapping[str, Any]]
+    short_jobs: frozenset[str] = frozenset()  # Kinds of jobs that do not wait behind the others
 
 
 @dataclass(frozen=True, slots=True)

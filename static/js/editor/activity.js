@@ -3,7 +3,8 @@
 import { byId, h, icon, queryAll } from "../shared/dom.js";
 import { leftText } from "../shared/format.js";
 import { t, tn } from "../shared/i18n.js";
-import { REASONS, waitingFor } from "../shared/job-list.js";
+import { dismiss, isDismissed } from "../shared/job-failure.js";
+import { queuedText, REASONS } from "../shared/job-list.js";
 import { isInside } from "../shared/map/coords.js";
 import { rafThrottle } from "../shared/timing.js";
 import { sentence, toastError } from "../shared/toast.js";
@@ -39,7 +40,6 @@ export class Activity {
     this.server = server;
     this.refresh = refresh;
     this.say = say;
-    this.hiddenJobs = new Set();
     this.filesBox = h("div", { class: "ed-files", hidden: true });
     this.jobsBox = h("div", { class: "ed-jobs" });
     byId("activity").append(foldButton(byId("activity")), this.filesBox, this.jobsBox);
@@ -124,7 +124,7 @@ export class Activity {
   _jobs() {
     const { jobs } = this.store;
     const overtaken = (job) => job.state === "done" && jobs.some(({ kind, id }) => kind === job.kind && id > job.id);
-    const shown = jobs.filter((job) => !this.hiddenJobs.has(job.id) && !overtaken(job));
+    const shown = jobs.filter((job) => !(job.state === "failed" && isDismissed(job.id)) && !overtaken(job));
     const signature = JSON.stringify(shown);
     if (signature === this._shownJobs) return;
     this._shownJobs = signature;
@@ -139,8 +139,8 @@ export class Activity {
     const name = (JOBS[kind] || (() => sentence(kind)))();
     const going = state === "queued" || state === "running";
     const words = {
-      queued: () => waitingFor(job) || t("waiting"),
-      running: () => [note, job.seconds_left !== null && leftText(job.seconds_left)].filter(Boolean).join(" · "),
+      queued: () => queuedText(job),
+      running: () => [job.seconds_left !== null && leftText(job.seconds_left), note].filter(Boolean).join(" · "),
       done: () => t("done"),
       failed: () => t("failed"),
       cancelled: () => t("cancelled"),
@@ -149,9 +149,9 @@ export class Activity {
     return h("div", { class: `ed-job ed-job--${state}`, dataset: { testid: "job-progress", state, kind, done, total } },
       h("div", { class: "ed-activity__head" },
         h("strong", {}, name),
-        h("span", { class: "small soft" }, words[state]()),
+        h("span", { class: "small soft", title: words[state]() }, words[state]()),
         this._jobButton(job, going)),
-      going && kind in REASONS && h("p", { class: "small soft" }, REASONS[kind]()),
+      state === "running" && kind in REASONS && h("p", { class: "ed-job__why small soft" }, REASONS[kind]()),
       going && h("progress", { class: "progress", "aria-label": name, ...(state === "running" ? value : { value: 0, max: 1 }) }),
       kind === "street-photos" && state === "done" && h("p", { class: "small", "data-testid": "street-summary" }, streetSummary(job.result)),
       error && h("p", { class: "small ed-job__error" }, [error.message, error.hint].filter(Boolean).map(sentence).join(". ")),
@@ -165,7 +165,6 @@ export class Activity {
       event.currentTarget.disabled = true;
       try {
         await this.server[ask](id);
-        if (!going) this.hiddenJobs.add(id);
         await this.refresh();
       } catch (problem) {
         toastError(problem);
@@ -176,7 +175,7 @@ export class Activity {
 
   _hide(id) {
     const hide = () => {
-      this.hiddenJobs.add(id);
+      dismiss(id);
       this._jobs();
     };
     return h("button", { class: "button button--quiet", type: "button", onclick: hide }, t("Hide"));

@@ -4,6 +4,8 @@ import { Box3, Vector3 } from "three";
 import { busy, openDialog } from "../shared/dialogs.js";
 import { byId, h, queryAll } from "../shared/dom.js";
 import { duration, labelled, locale, t, tn } from "../shared/i18n.js";
+import { showLastFailure } from "../shared/job-failure.js";
+import { queuedText } from "../shared/job-list.js";
 import { roundLength } from "../shared/map/coords.js";
 import { mapCredit } from "../shared/photo-credit.js";
 import { toastError } from "../shared/toast.js";
@@ -38,18 +40,25 @@ async function start() {
   build?.addEventListener("click", () => busy(build, async () => follow((await map.build()).job)).catch(toastError));
   byId("update").addEventListener("click", () => map.build().then(({ job }) => follow(job)).catch(toastError));
   showLeftOut(cloud);
-  if (cloud.job !== null) follow(cloud.job);
+  if (cloud.job === null) await lastFailure();
+  else follow(cloud.job);
+}
+
+function lastFailure() {
+  return showLastFailure(byId("progress"), page.slug, ["landmarks", "place-rest"]);
 }
 
 /** Show the progress of a job, and reload the page when it is done. */
 async function follow(id) {
   byId("progress").hidden = false;
+  document.querySelector("[data-job-failure]")?.remove();
   for (;;) {
     const job = document.hidden ? null : await map.job(id).catch(toastError);
     if (job?.state === "done") return location.reload();
     if (job?.state === "failed" || job?.state === "cancelled") {
       byId("progress").hidden = true;
-      toastError({ code: "job", message: t("cancelled"), hint: null, ...job.error });
+      if (job.state === "failed") return lastFailure();
+      toastError({ code: "job", message: t("cancelled"), hint: null });
       return undefined;
     }
     if (job) byId("words").textContent = wordsOf(job);
@@ -57,8 +66,9 @@ async function follow(id) {
   }
 }
 
-function wordsOf({ state, done, total, note, seconds_left: left }) {
-  if (state === "queued") return t("Queued");
+function wordsOf(job) {
+  const { state, done, total, note, seconds_left: left } = job;
+  if (state === "queued") return queuedText(job);
   const parts = [note, total > 0 && t("{done} of {total}", { done, total }), left !== null && t("about {time} left", { time: duration(left) })];
   return parts.filter(Boolean).join(" · ");
 }

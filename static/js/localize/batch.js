@@ -3,7 +3,7 @@
 import { answerBadge } from "../shared/answer/answer-badge.js";
 import { lengthText, probabilityColours } from "../shared/answer/answer-format.js";
 import { isOffMap } from "../shared/answer/query-session.js";
-import { byId, h } from "../shared/dom.js";
+import { byId, h, icon } from "../shared/dom.js";
 import { percentText } from "../shared/format.js";
 import { labelled, t } from "../shared/i18n.js";
 import { latLngOf } from "../shared/map/coords.js";
@@ -145,7 +145,8 @@ class Row {
     this.open = open;
     this.state = h("td", { colspan: 2, class: "soft" }, t("waiting"));
     const image = h("img", { class: "ed-thumb", src: URL.createObjectURL(file), alt: "" });
-    this.element = h("tr", { "data-testid": "batch-row" }, h("td", {}, image), h("th", { scope: "row" }, file.name), this.state);
+    image.addEventListener("error", () => image.replaceWith(h("span", { class: "ed-thumb lo-batch__none" }, icon("image")))); // HEIC, PDF
+    this.element = h("tr", { "data-testid": "batch-row" }, h("td", {}, image), h("th", { scope: "row", title: file.name }, file.name), this.state);
   }
 
   say(text) {

@@ -7,6 +7,7 @@ import { usable } from "../shared/drop-files.js";
 import { leftText } from "../shared/format.js";
 import { labelled, t, tn } from "../shared/i18n.js";
 import { sentence, toast } from "../shared/toast.js";
+import { WaitingWords } from "./waiting-words.js";
 
 const MOST_OF_ONE_SPOT = 8;
 /** Below this probability of the first place, more photos are suggested. */
@@ -27,6 +28,7 @@ export class Localizer extends EventTarget {
     this.say = page.say;
     this.waiting = null;
     this._abort = null;
+    this.words = new WaitingWords(this.session, this.store);
     this.store.on("jobs", () => this._jobs());
     this.session.on("answer", () => {
       byId("further").replaceChildren();
@@ -177,6 +179,7 @@ export class Localizer extends EventTarget {
   _failed(error, send) {
     if (error.code === "not_ready") {
       this.waiting = send;
+      this.oldFailures = new Set(this.store.jobs.filter(({ state }) => state === "failed").map(({ id }) => id));
       this._building();
       return;
     }
@@ -212,7 +215,7 @@ export class Localizer extends EventTarget {
     this._indexing();
     if (!this.waiting) return;
     const jobs = this.store.jobs.filter(({ kind }) => kind === "index");
-    const failed = jobs.at(-1)?.state === "failed" && jobs.at(-1);
+    const failed = jobs.at(-1)?.state === "failed" && !this.oldFailures.has(jobs.at(-1).id) && jobs.at(-1);
     if (jobs.some(({ state }) => state === "running" || state === "queued")) this._building();
     else if (failed) {
       this.waiting = null;
@@ -225,6 +228,7 @@ export class Localizer extends EventTarget {
     const bar = byId("busy", HTMLProgressElement);
     if (share === null) bar.removeAttribute("value");
     else bar.value = share;
+    this.words.progress(share);
   }
 
   /** Ask whether several photos are of one spot. @returns {Promise<?boolean>} null if the dialog is closed */

@@ -3,6 +3,8 @@
 import { get, post } from "../shared/api.js";
 import { busy } from "../shared/dialogs.js";
 import { duration, t } from "../shared/i18n.js";
+import { showLastFailure } from "../shared/job-failure.js";
+import { queuedText } from "../shared/job-list.js";
 import { toastError } from "../shared/toast.js";
 
 const ASK_MS = 1000;
@@ -12,9 +14,15 @@ const button = /** @type {?HTMLButtonElement} */ (document.getElementById("evalu
 const bar = document.getElementById("bar");
 
 button?.addEventListener("click", () => busy(button, start).catch(toastError));
-if (job !== null) follow(job);
+if (job === null) lastFailure().catch(toastError);
+else follow(job);
+
+function lastFailure() {
+  return showLastFailure(document.getElementById("progress"), map, ["evaluate"]);
+}
 
 async function start() {
+  document.querySelector("[data-job-failure]")?.remove();
   const { id } = await post(`/maps/${encodeURIComponent(map)}/evaluation`, {});
   follow(id);
 }
@@ -36,13 +44,17 @@ async function follow(id) {
 }
 
 /** Show the progress. @returns {boolean} whether it ended without a result */
-function ended({ state, done, total, note, seconds_left: left, error }) {
-  if (state === "failed") stop(error);
+function ended(job) {
+  const { state, done, total, note, seconds_left: left, error } = job;
+  if (state === "failed") {
+    stop(error);
+    lastFailure().catch(toastError);
+  }
   if (state === "cancelled") stop({ message: t("cancelled"), hint: null, code: state });
   if (total > 0 && state === "running") Object.assign(bar, { max: total, value: Math.min(done, total) });
   else bar.removeAttribute("value");
   const parts = [total > 0 && t("{done} of {total}", { done, total }), note, left !== null && t("about {time} left", { time: duration(left) })];
-  const words = state === "queued" ? t("Queued") : parts.filter(Boolean).join(" · ");
+  const words = state === "queued" ? queuedText(job) : parts.filter(Boolean).join(" · ");
   document.getElementById("words").textContent = words;
   return state === "failed" || state === "cancelled";
 }

@@ -1,12 +1,13 @@
 /**
  * Creates a map from photos: they are uploaded at once, and its image is chosen afterwards.
  *
- * The map exists from the first photo on, so that closing the page loses no uploaded photos.
+ * The map exists from the first photo on, so that closing the page loses no uploaded photos; a reload offers
+ * to continue with it.
  */
 
-import { patch, post } from "../shared/api.js";
+import { get, patch, post } from "../shared/api.js";
 import { busy } from "../shared/dialogs.js";
-import { byId, h } from "../shared/dom.js";
+import { byId, h, icon } from "../shared/dom.js";
 import { listenToDrops, listenToPastes, usable } from "../shared/drop-files.js";
 import { locale, t, tn } from "../shared/i18n.js";
 import { keepNotes } from "../shared/kept-notes.js";
@@ -15,6 +16,8 @@ import { sentence } from "../shared/toast.js";
 import { canGoAgain, uploadEndpoints, Uploads } from "../shared/uploads.js";
 
 const NOTES = 5;
+const BEGUN = "expmap.new-map";
+/** In the storage of the tab: the map whose upload has not ended. */
 const name = byId("map-name", HTMLInputElement);
 const proposed = t("Map of {day}", { day: new Date().toLocaleDateString(locale, { dateStyle: "long" }) });
 /** @type {?Promise<{slug: string, name: string}>} */
@@ -44,6 +47,32 @@ byId("stop").addEventListener("click", () => (uploads.busy ? uploads.cancel() : 
 for (const control of document.querySelectorAll("#new-map [disabled]")) control.removeAttribute("disabled"); // disabled until listeners are attached
 name.focus();
 name.select();
+offerBegun().catch(show);
+
+/** After a reload amid an upload: offer to continue with the map that has the first photos. */
+async function offerBegun() {
+  const begun = JSON.parse(sessionStorage.getItem(BEGUN) ?? "null");
+  if (!begun) return;
+  sessionStorage.removeItem(BEGUN);
+  const state = await get(`/maps/${begun.slug}`).catch((error) => (error.code === "not_found" ? null : Promise.reject(error)));
+  if (!state?.photos.length || making) return;
+  const close = () => offer.remove();
+  const button = h("button", { class: "button button--primary", type: "button" }, t("Add the rest to it"));
+  const link = h("a", { class: "button", href: `/maps/${begun.slug}/image` }, t("Continue without the rest"));
+  const other = h("button", { class: "icon-button note__link", type: "button", "aria-label": t("Dismiss"), onclick: close }, icon("close"));
+  const text = tn("The upload to {name} was interrupted: it has {n} photo.", "The upload to {name} was interrupted: it has {n} photos.", state.photos.length, { name: state.name });
+  const offer = h("div", { class: "note note--info", role: "status", "data-testid": "begun-map" }, icon("info"),
+    h("div", { class: "stack stack--tight" },
+      h("div", {}, text, " ", t("Choose the same photos again: only the rest is sent.")),
+      h("div", { class: "row" }, button, link)), other);
+  button.addEventListener("click", () => {
+    making = Promise.resolve({ slug: begun.slug, name: state.name });
+    name.value = state.name;
+    close();
+    byId("photos-button").focus();
+  });
+  byId("new-map").before(offer);
+}
 
 /** Make the map, once. */
 function make() {
@@ -68,6 +97,7 @@ async function take(files) {
   try {
     const { slug } = await make();
     uploads ??= sendingTo(slug);
+    sessionStorage.setItem(BEGUN, JSON.stringify({ slug }));
     show(null);
     uploads.add(files);
   } catch (error) {
@@ -101,6 +131,7 @@ function progress() {
 /** Continue with the image of the map after the upload. */
 async function goOn() {
   const { slug } = await making;
+  sessionStorage.removeItem(BEGUN);
   const failed = uploads.entries.filter(({ state }) => state === "failed");
   const texts = [...failed.slice(0, NOTES).map(reason), ...more(failed)];
   keepNotes(texts.map((text) => ({ kind: "warning", text })));

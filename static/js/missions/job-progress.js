@@ -2,6 +2,7 @@
 
 import { h } from "../shared/dom.js";
 import { duration, t } from "../shared/i18n.js";
+import { queuedText } from "../shared/job-list.js";
 
 const ASK_MS = 700;
 
@@ -10,10 +11,11 @@ export function jobBar(label) {
   const bar = h("progress", { class: "progress", "aria-label": label });
   const words = h("div", { class: "small soft number" }, label);
   const box = h("div", { class: "stack stack--tight", "data-testid": "job-progress" }, words, bar);
-  const showJob = ({ state, done, total, note, seconds_left: left }) => {
+  const showJob = (job) => {
+    const { state, done, total, note, seconds_left: left } = job;
     if (state === "running" && total > 0) Object.assign(bar, { max: total, value: Math.min(done, total) });
     else bar.removeAttribute("value");
-    const parts = state === "queued" ? [t("Queued")] : [label, note];
+    const parts = state === "queued" ? [queuedText(job)] : [label, note];
     if (left) parts.push(t("about {time} left", { time: duration(left) }));
     words.textContent = parts.filter(Boolean).join(" · ");
   };

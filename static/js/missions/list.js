@@ -110,8 +110,7 @@ function card(mission) {
 function picture({ preview }) {
   if (!preview) return h("div", { class: "map-card__picture" }, icon("route"));
   const twice = (name, path) => (path ? [svg("path", { class: name, d: path }), svg("path", { class: name, d: path })] : []);
-  const fit = preview.image ? "slice" : "meet";
-  const drawn = svg("svg", { class: "map-card__dots", "aria-hidden": "true", viewBox: `0 0 ${preview.width} ${preview.height}`, preserveAspectRatio: `xMidYMid ${fit}` },
+  const drawn = svg("svg", { class: "map-card__dots", "aria-hidden": "true", viewBox: `0 0 ${preview.width} ${preview.height}`, preserveAspectRatio: "xMidYMid meet" },
     ...twice("map-card__line", preview.line), ...twice("map-card__found", preview.dots));
   const image = preview.image && h("img", { src: preview.image, alt: "", loading: "lazy", width: 480, height: 300 });
   return h("div", { class: "map-card__picture" }, image, drawn);

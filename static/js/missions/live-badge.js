@@ -4,6 +4,8 @@ import { byId } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
 
 const LIVE_MS = 120_000;
+const RECORDING_MS = 24 * 3600_000;
+/** A mission without any data for so long was imported, or is over. */
 
 /**
  * Keep the badge up to date.
@@ -18,7 +20,8 @@ export function liveBadge(store, isConnected) {
     const newest = Math.max(0, ...store.mission.tracks.map(({ last_time_s: time }) => (time || 0) * 1000));
     const ended = Boolean(store.mission.ended_at);
     const isLive = isConnected() && !ended && Date.now() - Math.max(heard, newest) < LIVE_MS;
-    const text = !isConnected() ? t("No connection") : isLive ? t("Live") : ended ? t("Ended") : t("No recent data");
+    const isOld = newest > 0 && Date.now() - Math.max(heard, newest) > RECORDING_MS;
+    const text = !isConnected() ? t("No connection") : isLive ? t("Live") : ended ? t("Ended") : isOld ? t("Recording") : t("No recent data");
     badge.className = `badge ${!isConnected() ? "badge--warning" : isLive ? "badge--success mi-live" : ""}`;
     if (badge.textContent !== text) badge.textContent = text;
     byId("follow-part").hidden = ended;

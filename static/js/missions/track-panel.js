@@ -67,7 +67,7 @@ function facts(track) {
     const speed = t("{speed} on average", { speed: speedText(way / duration) });
     rows.push([t("Duration"), `${spanText(duration)} (${speed})`]);
   }
-  const left = skipped ? `, ${tn("{n} left out", "{n} left out", skipped)}` : "";
+  const left = skipped ? `, ${tn("{n} left out, as it had hardly moved", "{n} left out, as it had hardly moved", skipped)}` : "";
   rows.push([t("Poses"), poses.toLocaleString(locale) + left]);
   if (removed) {
     const how = error === null ? t("only both ends are left") : t("to {error}", { error: lengthText(error) });

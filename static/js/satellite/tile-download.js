@@ -3,7 +3,10 @@
 import { get, post } from "../shared/api.js";
 import { busy } from "../shared/dialogs.js";
 import { byId, h, icon, queryAll } from "../shared/dom.js";
+import { metresText } from "../shared/format.js";
 import { duration, locale, t, tn } from "../shared/i18n.js";
+import { showLastFailure } from "../shared/job-failure.js";
+import { queuedText } from "../shared/job-list.js";
 import { toastError } from "../shared/toast.js";
 import { cut } from "./mercator.js";
 import { outsideChoices } from "./outside-photos.js";
@@ -31,6 +34,7 @@ export class TilesPanel {
     this.slippy = null;
     this.job = null;
     this._goTo();
+    showLastFailure(byId("notes"), page.slug, ["satellite-tiles"]).catch(toastError);
     goHere(byId("tile-here"), () => this.slippy?.map);
     byId("tile-service").addEventListener("change", () => this._service());
     byId("tile-view").addEventListener("click", () => this.rectangle.ofView());
@@ -114,7 +118,7 @@ export class TilesPanel {
     const { width, height, tiles, metresPerPixel } = cut(box, zoom);
     const { max_tiles } = this.slippy.service();
     const size = t("{width} × {height} pixels", { width: number(width), height: number(height) });
-    const parts = [size, t("{metres} m per pixel", { metres: short(metresPerPixel) }), tn("{n} tile", "{n} tiles", tiles)];
+    const parts = [size, t("{metres} m per pixel", { metres: metresText(metresPerPixel) }), tn("{n} tile", "{n} tiles", tiles)];
     if (tiles > max_tiles) {
       parts.push(tn("only {n} tile is allowed: smaller area or zoom", "only {n} tiles are allowed: smaller area or zoom", max_tiles));
       place.classList.add("sat-estimate--bad");
@@ -160,6 +164,7 @@ export class TilesPanel {
   async _watch(id) {
     const box = byId("tile-progress");
     this.form.querySelectorAll(":scope > .note").forEach((old) => old.remove());
+    document.querySelector("[data-job-failure]")?.remove();
     this.job = id;
     box.hidden = false;
     try {
@@ -175,11 +180,12 @@ export class TilesPanel {
     }
   }
 
-  _progress(box, { state, done, total, seconds_left: left }) {
+  _progress(box, job) {
+    const { state, done, total, seconds_left: left } = job;
     const bar = box.querySelector("progress");
     if (state === "running" && total) Object.assign(bar, { max: total, value: done });
     else bar.removeAttribute("value");
-    const words = [state === "queued" ? t("Queued") : t("{done} of {total} tiles", { done: number(done), total: number(total) })];
+    const words = [state === "queued" ? queuedText(job) : t("{done} of {total} tiles", { done: number(done), total: number(total) })];
     if (left) words.push(t("about {time} left", { time: duration(left) }));
     box.querySelector("[data-part=words]").textContent = words.join(" · ");
   }
@@ -190,4 +196,3 @@ export class TilesPanel {
 }
 
 const number = (value) => value.toLocaleString(locale);
-const short = (value) => Number(value.toPrecision(3)).toLocaleString(locale, { maximumSignificantDigits: 3 });

@@ -73,11 +73,11 @@ export class JobList {
   }
 
   /** For which map and why the job runs, and who started it. */
-  _why({ kind, map, map_name: name, by, mine }) {
+  _why({ kind, state, map, map_name: name, by, mine }) {
     const place = this.maps && map && h("a", { href: `/maps/${encodeURIComponent(map)}/jobs` }, name);
     const who = mine ? t("started by you") : by ? t("started by {name}", { name: by }) : t("started by a change");
     const parts = [place, who, h("span", { "data-part": "seconds" })].filter(Boolean);
-    const why = REASONS[kind]?.();
+    const why = state === "queued" ? null : REASONS[kind]?.();
     return [...parts.flatMap((part, n) => (n ? [" · ", part] : [part])), why && ` · ${why}`].filter(Boolean);
   }
 
@@ -110,16 +110,25 @@ function update(row, job) {
 }
 
 function words(job) {
-  if (job.state === "queued") return waitingFor(job) || t("Queued");
+  if (job.state === "queued") return queuedText(job);
   const parts = [job.total > 0 && t("{done} of {total}", { done: job.done, total: job.total }), job.note];
   if (job.seconds_left !== null) parts.push(t("about {time} left", { time: duration(job.seconds_left) }));
   return parts.filter(Boolean).join(" · ");
 }
 
 /** What a queued job is waiting for and when it is retried; "" if it only waits for a worker. */
-export function waitingFor({ state, note, next_try_s: pause }) {
+function waitingFor({ state, note, next_try_s: pause }) {
   if (state !== "queued" || pause === null) return "";
   return [note, t("retrying in {time}", { time: duration(pause) })].join(" · ");
+}
+
+/** The text of a queued job: what it waits for, as far as that is known. */
+export function queuedText(job) {
+  const { behind } = job;
+  if (!behind || waitingFor(job)) return waitingFor(job) || t("Queued");
+  const name = behind.map_name ? `${kindName(behind.kind)} (${behind.map_name})` : kindName(behind.kind);
+  const left = behind.seconds_left === null ? "" : t("about {time} left", { time: duration(behind.seconds_left) });
+  return [t("Queued behind: {job}", { job: name }), left].filter(Boolean).join(" · ");
 }
 
 function reason(error) {

@@ -10,10 +10,12 @@ from sqlalchemy import select
 from webapp.errors import Conflict, NotFound
 from webapp.store import clock
 from webapp.store.operate import job_views, jobs
-from webapp.store.operate.jobs import Lease, Limits
+from webapp.store.operate.jobs import Lanes, Lease, Limits
 from webapp.store.schema import Account, Job, MapRecord
 
 LIMITS = Limits(seconds=10.0, attempts=3)
+LANES = Lanes(frozenset({"export", "tiles"}))
+SHORT = Lanes(LANES.short, only_short=True)
 ERROR = {"message": "no", "where": None, "hint": None}
 
 
@@ -99,6 +101,75 @@ def test_the_oldest_comes_first_and_jobs_of_one_map_take_turns(do, take, park, n
     assert take() is None
     assert do(jobs.finish, first)
     assert take().job_id == ids[1]
+
+
+def test_short_work_overtakes_long_work_and_what_somebody_waits_for_the_background(
+    do, take, new_map, new_account
+):
+    ana = new_account("ana")
+    asked = {"map_id": new_map(ana, name="Lake"), "account_id": ana.id}
+    background = do(jobs.enqueue, "index", map_id=new_map(ana, name="Park")).id
+    index, export = do(jobs.enqueue, "index", **asked).id, do(jobs.enqueue, "export", **asked).id
+    assert [take(lanes=LANES).job_id for _ in range(3)] == [export, index, background]
+
+
+def test_a_worker_for_short_work_takes_nothing_else_even_of_a_dead_worker(do, take, at, park):
+    index = do(jobs.enqueue, "index", map_id=park).id
+    assert take(lanes=SHORT) is None
+    assert take(lanes=LANES).job_id == index
+    export = do(jobs.enqueue, "export", map_id=park).id
+    tiles = do(jobs.enqueue, "tiles", map_id=park).id
+    at(11)
+    first = take("b", lanes=SHORT)
+    assert first.job_id == export, "beside the index of the same map"
+    assert take("c", lanes=SHORT) is None, "but one short job of a map at a time"
+    do(jobs.finish, first)
+    assert take("c", lanes=SHORT).job_id == tiles
+
+
+def test_nothing_is_overtaken_for_ever(library, do, take, new_account):
+    index = do(jobs.enqueue, "index").id
+    do(jobs.enqueue, "export", account_id=new_account("ana").id)
+    with library.database.write() as session:
+        jobs.find(session, index).created_at -= timedelta(minutes=31)
+    assert take(lanes=LANES).job_id == index
+
+
+def test_a_job_in_the_background_makes_room_for_one_that_somebody_waits_for(do, take, at, new_account):
+    do(jobs.enqueue, "index")
+    held = take(lanes=LANES)
+    at(5)
+    do(jobs.enqueue, "index", key="background")
+    assert not do(jobs.should_yield, held, lanes=LANES)
+    asked = do(jobs.enqueue, "evaluate", account_id=new_account("ana").id).id
+    at(-4)
+    assert not do(jobs.should_yield, held, lanes=LANES), "another worker may be free"
+    at(4)
+    assert do(jobs.should_yield, held, lanes=LANES)
+    do(jobs.requeue, held)
+    first = take(lanes=LANES)
+    assert first.job_id == asked
+    assert not do(jobs.should_yield, first, lanes=LANES)
+
+
+def test_a_job_makes_room_three_times(do, take, at, new_account):
+    do(jobs.enqueue, "index")
+    ana, yields = new_account("ana").id, []
+    for n in range(5):
+        held = take(lanes=LANES)
+        asked = do(jobs.enqueue, "evaluate", key=str(n), account_id=ana).id
+        at(5)
+        yields.append(do(jobs.should_yield, held, lanes=LANES))
+        do(jobs.requeue, held)
+        first = take(lanes=LANES)
+        assert first.job_id == asked
+        do(jobs.finish, first)
+    assert yields == [True, True, True, False, False]
+
+
+def test_a_merged_job_is_as_urgent_as_the_more_urgent_one(do, new_account):
+    assert not do(jobs.enqueue, "index").urgent
+    assert do(jobs.enqueue, "index", account_id=new_account("ana").id).urgent
 
 
 def test_each_job_is_given_to_one_of_many(library, do):
@@ -379,6 +450,24 @@ def test_what_a_page_shows(do, take, at, park):
     assert do(lambda s: [job.id for job in jobs.list_jobs(s, map_id=park)]) == [new, old]
     assert do(lambda s: len(jobs.list_jobs(s))) == 3
     assert do(jobs.anything_to_do)
+
+
+def test_a_failure_is_shown_until_the_job_is_repeated_for_a_week_at_most(do, take, at, park):
+    ids = lambda: do(lambda s: [job.id for job in job_views.shown(s, park)])  # noqa: E731
+    failed = do(jobs.enqueue, "a", map_id=park).id
+    do(jobs.fail, take(), error=ERROR)
+    at(3600)
+    assert ids() == [failed]
+    other = do(jobs.enqueue, "b", map_id=park).id
+    assert ids() == [failed, other]
+    again = do(jobs.enqueue, "a", map_id=park).id
+    assert ids() == [other, again]
+    do(jobs.finish, take())
+    do(jobs.fail, take(), error=ERROR)
+    at(3600)
+    assert ids() == [again]
+    at(7 * 86400)
+    assert ids() == []
 
 
 def test_time_left():

@@ -343,3 +343,35 @@ def test_other_ways_to_write_a_name_are_no_further_attempts(library, app, settin
             "/sign-in", data={"name": "Jana Novotna", "password": "x"}, environ_overrides=origin
         )
     assert enter(app.test_client(), name=written).status_code == 429
+
+
+def test_the_page_lists_where_one_is_signed_in_and_ends_each(app, jana):
+    agents = {
+        "Firefox · Linux": "Mozilla/5.0 (X11; Linux x86_64; rv:128.0) Gecko/20100101 Firefox/128.0",
+        "Chrome · Android": "Mozilla/5.0 (Linux; Android 14) Chrome/126.0 Mobile Safari/537.36",
+        "Safari · iPhone": "Mozilla/5.0 (iPhone; CPU iPhone OS 17_5 like Mac OS X) Version/17.5 Safari/604.1",
+    }
+    browsers = {}
+    for device, agent in agents.items():
+        browsers[device] = app.test_client()
+        browsers[device].environ_base["HTTP_USER_AGENT"] = agent
+        enter(browsers[device])
+    here, phone, lost = browsers.values()
+    page = here.get("/account").text
+    assert [device in page for device in agents] == [True] * 3
+    assert page.count("this one") == 1
+    ends = re.findall(r"/account/sessions/\d+/end", page)
+    assert len(ends) == 2
+    here.post(ends[0])
+    assert [is_in(one) for one in (here, phone, lost)] == [True, True, False]
+    assert "Safari" not in here.get("/account").text
+    here.post("/account/end-sessions")
+    assert is_in(here) and not is_in(phone)
+    assert "Android" not in here.get("/account").text
+
+
+def test_nobody_ends_the_session_of_another(app, jana, sign_in, new_account):
+    mine = app.test_client()
+    enter(mine)
+    assert sign_in(new_account("Eve")).post("/account/sessions/1/end").status_code == 404
+    assert is_in(mine)

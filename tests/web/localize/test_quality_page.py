@@ -8,7 +8,7 @@ from sqlalchemy import select
 from webapp.core.geo.corners import Corners, from_corners
 from webapp.core.geo.types import LatLon
 from webapp.files.maps.map_json import georeference_fields
-from webapp.store.schema import MapRecord
+from webapp.store.schema import MapRecord, QueryRecord
 from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.maps import adopt_map
 
@@ -125,3 +125,32 @@ def test_what_was_kept_is_what_was_measured(library, evaluated):
     assert first.errors.tolist() == [12.0, float("inf")]
     (bin,) = first.reliability
     assert (bin.probability, bin.right, bin.count) == (0.75, 1.0, 1)
+
+
+def test_the_photos_that_fail_come_before_the_details(client, evaluated):
+    page = client.get(f"/maps/{evaluated}/quality").text
+    first = page[page.index('data-testid="quality"') :]
+    assert first.index("quality__summary") < first.index("<details") < first.index("quality__table")
+    if 'data-testid="misses"' in first:
+        assert first.index('data-testid="misses"') < first.index("<details")
+
+
+def test_the_time_of_an_answer_is_that_of_the_last_ones(client, evaluated, library):
+    says = lambda: "Answers on this map take about" in client.get(f"/maps/{evaluated}/localize").text  # noqa: E731
+    assert not says(), "none yet, and so no promise"
+    with library.database.write() as session:
+        record = session.scalars(select(MapRecord).where(MapRecord.slug == evaluated)).one()
+        for total in (3.0, 4.2, 60.0):
+            session.add(
+                QueryRecord(
+                    map_id=record.id,
+                    name="a.jpg",
+                    file=f"{total}.jpg",
+                    width=4,
+                    height=3,
+                    options={},
+                    answer={"seconds": {"total": total}},
+                    evidence=[],
+                )
+            )
+    assert "Answers on this map take about 4 seconds." in client.get(f"/maps/{evaluated}/localize").text

@@ -24,6 +24,7 @@ def page(sign_in, owner, slug):
 
 def test_the_address_of_a_map_leads_to_it(sign_in, owner, slug, new_account):
     assert sign_in(owner).get(f"/maps/{slug}").location == f"/maps/{slug}/edit"
+    assert sign_in(owner).get(f"/maps/{slug}/").location == f"/maps/{slug}"
     assert sign_in(owner).get("/maps/none").status_code == 404
     assert sign_in(new_account("Jan")).get(f"/maps/{slug}").status_code == 404
 

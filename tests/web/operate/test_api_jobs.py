@@ -7,6 +7,7 @@ import pytest
 from webapp.store.clock import now
 from webapp.store.maps import maps
 from webapp.store.operate import jobs
+from webapp.store.operate.jobs import Lease, Limits
 from webapp.store.schema import Job
 
 
@@ -96,3 +97,27 @@ def test_the_jobs_of_all_maps_that_one_sees(people, sign_in, library, slug, job,
     assert (shown["mine"], shown["can_change"], shown["seconds"]) == (False, False, None)
     assert listed["viewer"][own]["can_change"] and listed["editor"][job]["can_change"]
     assert listed["stranger"][far]["by"] is None, "a change has started it"
+
+
+def test_a_job_that_waits_says_for_what_but_names_no_map_of_others(
+    library, people, sign_in, slug, new_map, job
+):
+    with library.database.write() as session:
+        first = jobs.lease(session, "test", limits=Limits(60, 3))
+        jobs.beat(session, Lease(first.id, first.fence), seconds=60, progress=(1, 4, ""))
+        first.started_at -= timedelta(seconds=60)
+    own = new_map(people["stranger"])
+    with library.database.write() as session:
+        mine, other = (
+            maps.find(session, s, account=people[who]) for s, who in ((own, "stranger"), (slug, "owner"))
+        )
+        waiting = [jobs.enqueue(session, "evaluate", map_id=m.id).id for m in (mine, other)]
+        short = jobs.enqueue(session, "export", map_id=other.id).id
+    seen = sign_in(people["stranger"]).get(f"/api/v1/jobs/{waiting[0]}").json["behind"]
+    assert (seen["kind"], seen["map_name"]) == ("index", None)
+    client = sign_in(people["owner"])
+    seen = client.get(f"/api/v1/jobs/{waiting[1]}").json["behind"]
+    assert (seen["kind"], seen["map_name"]) == ("index", "Park")
+    assert seen["seconds_left"] == pytest.approx(180, abs=5)
+    assert client.get(f"/api/v1/jobs/{short}").json["behind"] is None, "it starts at once"
+    assert client.get(f"/api/v1/jobs/{job}").json["behind"] is None, "it runs"

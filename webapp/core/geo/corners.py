@@ -10,6 +10,7 @@ from webapp.core.geo.crs import WGS84
 from webapp.core.geo.fit import GeoreferenceFit, check_on_image, check_positions, solve_homography
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel
+from webapp.core.texts import significant
 from webapp.errors import GeoreferenceError
 
 _WGS84_ACROSS_180 = "+proj=longlat +datum=WGS84 +lon_wrap=180 +no_defs"
@@ -100,6 +101,6 @@ def _shape_warnings(georeference: Georeference, *, width: int, height: int) -> t
     if max(across, down) < _SQUARE * min(across, down):
         return ()
     return (
-        f"a pixel would be {across:.3g} m wide and {down:.3g} m high; "
+        f"a pixel would be {significant(across)} m wide and {significant(down)} m high; "
         "are latitude and longitude swapped, or are these the corners of another image?",
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from webapp.files.exchange.times import utc
 from webapp.files.gate import Budget
+from webapp.missions.core.trajectory.propose_start import propose_start
 from webapp.missions.core.trajectory.robotframe import Anchor, anchor_of
 from webapp.missions.core.trajectory.thinning import MinMove
 from webapp.missions.files.readers import csv_reader
@@ -51,6 +53,15 @@ class FileSource:
 
 
 @dataclass(frozen=True, slots=True)
+class ProposedStart:
+    """Position and heading of a robot at its start."""
+
+    lat: float
+    lon: float
+    heading_deg: float
+
+
+@dataclass(frozen=True, slots=True)
 class FileReport:
     """Report on the content of a file."""
 
@@ -64,6 +75,8 @@ class FileReport:
     options: tuple[str, ...] = ()  # Options that apply to this file: `columns`, `axes`
     table: TableHead | None = None  # Header and first rows of a table
     problem: str = ""  # Why nothing can be imported with these options; empty otherwise
+    # Start of the robot, proposed if the file also has positions on the Earth from the same time.
+    start: ProposedStart | None = None
 
 
 def inspect_file(
@@ -119,6 +132,27 @@ def inspect_file(
         tuple(name for name, does in may if does),
         head,
         problem,
+        _start_of(found),
+    )
+
+
+def _start_of(found: Mapping[tuple[str, str, str], _Gathered]) -> ProposedStart | None:
+    """Propose the start from the first track in metres and the one on the Earth that has the most poses."""
+    timed = [(frame, one) for (frame, _, _), one in found.items() if one.timed]
+    local = next((one for frame, one in timed if frame == "robot"), None)
+    there = max((one for frame, one in timed if frame == "earth"), key=lambda one: one.poses, default=None)
+    if local is None or there is None:
+        return None
+    start = propose_start(
+        np.array(local.moments),
+        np.array(local.line),
+        fix_times_s=np.array(there.moments),
+        fixes=np.array(there.line),
+    )
+    if start is None:
+        return None
+    return ProposedStart(
+        round(start.position.lat, 8), round(start.position.lon, 8), round(start.heading_deg, 1)
     )
 
 
@@ -151,6 +185,7 @@ class _Gathered:
     low: NDArray[np.float64] = field(default_factory=lambda: np.full(3, math.inf))
     high: NDArray[np.float64] = field(default_factory=lambda: np.full(3, -math.inf))
     line: list[tuple[float, float]] = field(default_factory=list)
+    moments: list[float] = field(default_factory=list)  # Times of `line`
     last: tuple[float, float] | None = None
     every: int = 1
 
@@ -165,8 +200,9 @@ class _Gathered:
         """Add poses: `place` (n, 3) is latitude, longitude, height, or metres."""
         drawn = place[:, :2] if self.anchor is None else _ahead(place[:, :2], self.anchor)
         self.line += map(tuple, drawn[-self.poses % self.every :: self.every].tolist())
+        self.moments += times_s[-self.poses % self.every :: self.every].tolist()
         while len(self.line) > 2 * _PREVIEW:
-            self.line = self.line[::2]
+            self.line, self.moments = self.line[::2], self.moments[::2]
             self.every *= 2
         self.poses += len(place)
         self.timed |= timed

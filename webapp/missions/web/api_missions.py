@@ -100,7 +100,7 @@ class MissionSummary(Schema):
     changed_at = String()
     ended_at = String(allow_none=True)
     poses = Integer()
-    distance_m = Float(metadata={"description": "Of the track that knows it best."})
+    distance_m = Float(metadata={"description": "Of all tracks from the source that knows it best."})
     duration_s = Float()
     objects = Integer()
     photos = Integer()

@@ -180,6 +180,14 @@ class TableOut(Schema):
     problem = String(metadata={"description": "Why the columns are not recognized; empty where they are."})
 
 
+class ProposedStartOut(Schema):
+    """Position and heading of a robot at its start."""
+
+    lat = Float()
+    lon = Float()
+    heading_deg = Float(metadata={"description": "Clockwise from north."})
+
+
 class ContentsOut(Schema):
     """The content of a file; or only the job that inspects it, whose result is the content."""
 
@@ -192,6 +200,14 @@ class ContentsOut(Schema):
     notes = List(String(), metadata={"description": "How the file was understood."})
     options = List(String(), metadata={"description": "Options that apply to it: `columns`, `axes`."})
     table = Nested(TableOut, allow_none=True)
+    start = Nested(
+        ProposedStartOut,
+        allow_none=True,
+        metadata={
+            "description": "Proposed for tracks in the robot's frame, if the file also has positions on the "
+            "Earth from the same time; else null."
+        },
+    )
     problem = String(metadata={"description": "Why nothing can be imported as it is; empty otherwise."})
 
 

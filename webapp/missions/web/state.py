@@ -129,11 +129,18 @@ def read_cursor(text: str) -> tuple[int, dict[int, int]] | None:
 
 
 def _way(found: list[Track]) -> dict[str, float]:
-    """Return the length and duration of a mission, from its best track."""
+    """Return the length and duration of a mission: those of all tracks from the source of its best one.
+
+    Other sources have recorded the same way. Times of tracks that overlap count once.
+    """
     best = tracks.best(found)
-    if best is None:
-        return {"distance_m": 0.0, "duration_s": 0.0}
-    return {"distance_m": best.distance_m, "duration_s": _duration_s(best)}
+    same = [] if best is None else [track for track in found if track.source == best.source]
+    spans = sorted((track.first_time_s or 0.0, track.last_time_s or 0.0) for track in same if track.timed)
+    duration_s, until = 0.0, float("-inf")
+    for first, last in spans:
+        duration_s += max(0.0, last - max(first, until))
+        until = max(until, last)
+    return {"distance_m": sum(track.distance_m for track in same), "duration_s": duration_s}
 
 
 def _duration_s(track: Track) -> float:

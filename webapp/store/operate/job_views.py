@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
 from sqlalchemy import CompoundSelect, Select, func, or_, select, union_all
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, aliased
 
 from webapp.store.database import moment
 from webapp.store.operate.jobs import ENDED, LIVE
@@ -15,6 +17,12 @@ from webapp.store.schema import Account, Job, MapRecord
 
 _SHOWN = timedelta(minutes=1)
 """For how long the page of a map shows a job that has ended."""
+
+_STARTS_WITHIN = timedelta(seconds=3)
+"""Time within which a free worker takes a job."""
+
+_FAILURE_SHOWN = timedelta(days=7)
+"""For how long the page of a map shows a job that has failed, unless a newer one of its kind follows."""
 
 _RECENT = timedelta(days=1)
 """The same for the menu of all pages."""
@@ -24,6 +32,22 @@ def current(session: Session, map_id: int) -> list[Job]:
     """List the jobs of a map that wait, run, or have ended in the last minute, oldest first."""
     shown = Job.id.in_(_not_ended_before(moment(session) - _SHOWN))
     return list(session.scalars(select(Job).where(Job.map_id == map_id, shown).order_by(Job.id)))
+
+
+def shown(session: Session, map_id: int) -> list[Job]:
+    """List the current jobs of a map, and those that failed last of their kind and key, oldest first."""
+    newer = aliased(Job)
+    again = select(newer.id).where(
+        newer.map_id == Job.map_id, newer.kind == Job.kind, newer.key == Job.key, newer.id > Job.id
+    )
+    failed = select(Job).where(
+        Job.map_id == map_id,
+        Job.state == "failed",
+        Job.ended_at > moment(session) - _FAILURE_SHOWN,
+        ~again.exists(),
+    )
+    jobs = {job.id: job for job in (*session.scalars(failed), *current(session, map_id))}
+    return [jobs[id] for id in sorted(jobs)]
 
 
 def recent(session: Session, *, map_ids: Select[Any], account: Account, limit: int = 20) -> list[Job]:
@@ -81,6 +105,28 @@ def seconds_left(job: Job, *, at: datetime) -> float | None:
     if job.state != "running" or job.started_at is None or not 0 < job.done <= job.total:
         return None
     return (at - job.started_at).total_seconds() * (job.total - job.done) / job.done
+
+
+def blocker(session: Session, job: Job, *, short: Collection[str]) -> Job | None:
+    """Find the running job that one waits for: of its map, else the one of its lane that ends first.
+
+    Args:
+        short: The short kinds; the others are the second lane.
+    """
+    at = moment(session)
+    if job.state != "queued" or (job.not_before is not None and job.not_before > at):
+        return None
+    running = session.scalars(select(Job).where(Job.state == "running").order_by(Job.id)).all()
+    same = [one for one in running if (one.kind in short) == (job.kind in short)]
+    if not same and at - job.created_at > _STARTS_WITHIN:  # its lane has no worker of its own
+        same = list(running)
+    own = [one for one in same if one.map_id == job.map_id is not None]
+
+    def left(one: Job) -> float:
+        seconds = seconds_left(one, at=at)
+        return math.inf if seconds is None else seconds
+
+    return min(own or same, key=left, default=None)
 
 
 def to_json(session: Session, job: Job, *, account_id: int | None = None) -> dict[str, Any]:

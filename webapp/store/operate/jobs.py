@@ -2,7 +2,10 @@
 
 The worker of a job holds a lease and renews it. A job whose lease has expired is taken over by the next
 worker that asks, with a higher fencing number; the worker that lost the lease can no longer write about the
-job (Kleppmann, "How to do distributed locking", 2016). The jobs of one map run one at a time.
+job (Kleppmann, "How to do distributed locking", 2016).
+
+Short work, for which somebody waits, does not wait behind long work: it comes first, and has workers of its
+own. Of one map, at most one short and one long job run at a time.
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
-from sqlalchemy import Select, case, func, or_, select
+from sqlalchemy import ColumnElement, Select, case, func, or_, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session, aliased
 
@@ -27,6 +30,15 @@ LIVE = ("queued", "running")
 
 _LONGEST_PAUSE = timedelta(minutes=5)
 """Of a job that is put off. One that is due later was put off before the clock was set back."""
+
+_PATIENCE = timedelta(minutes=30)
+"""A job that has waited for this long is neither overtaken nor interrupted any more."""
+
+_YIELD_AFTER = timedelta(seconds=3)
+"""For how long an urgent job waits for a free worker before a job in the background makes room."""
+
+_MOST_YIELDS = 3
+"""How often a job makes room, as some of its work may have to be repeated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +59,17 @@ class Limits:
     attempts: int
 
 
+@dataclass(frozen=True, slots=True)
+class Lanes:
+    """Which kinds of jobs are short, and whether a worker takes only these."""
+
+    short: frozenset[str] = frozenset()
+    only_short: bool = False
+
+
+EITHER = Lanes()
+
+
 def enqueue(
     session: Session,
     kind: str,
@@ -65,9 +88,18 @@ def enqueue(
         arguments: JSON values for the work.
         key: Waiting jobs with the same map, kind and key are merged.
     """
+    urgent = account_id is not None
     if (there := _waiting(session, kind, map_id=map_id, key=key)) is not None:
+        there.urgent = there.urgent or urgent
         return there  # locked, so that no worker starts it before this session is committed
-    job = Job(kind=kind, map_id=map_id, account_id=account_id, key=key, arguments=dict(arguments or {}))
+    job = Job(
+        kind=kind,
+        map_id=map_id,
+        account_id=account_id,
+        key=key,
+        arguments=dict(arguments or {}),
+        urgent=urgent,
+    )
     try:
         with session.begin_nested():
             session.add(job)
@@ -150,22 +182,26 @@ def lease(
     who: str,
     *,
     limits: Limits,
+    lanes: Lanes = EITHER,
     is_gone: Callable[[str], bool] = lambda _: False,
     early: bool = False,
 ) -> Job | None:
-    """Take the next job: one whose worker has died, else the one that has waited longest.
+    """Take the next job: one whose worker has died, else the one whose turn it is.
+
+    Short jobs come first, then those for which somebody waits; among these, the one that has waited longest.
 
     Args:
         who: Name of the worker.
+        lanes: Which jobs are short, and whether the worker takes only these.
         is_gone: Returns whether the worker of that name has certainly ended; its leases then end at once.
         early: Whether to also take a job that was put off.
 
     Returns:
         Now `running`, with a new fencing number; None if there is nothing to do.
     """
-    running = select(Job).where(Job.state == "running").order_by(Job.id).with_for_update(skip_locked=True)
+    running = select(Job).where(Job.state == "running", *_taken(lanes)).order_by(Job.id)
     at = moment(session)
-    for job in session.scalars(running).all():
+    for job in session.scalars(running.with_for_update(skip_locked=True)).all():
         if job.leased_until is not None:  # it was given for longer only if the clock has been set back since
             job.leased_until = min(job.leased_until, at + timedelta(seconds=limits.seconds))
         if _is_held(job, is_gone, at=at):
@@ -176,9 +212,9 @@ def lease(
             _end(session, job, "failed", error=_died(job))
         else:
             return _given(job, who, at=at, limits=limits)
-    oldest = _next_waiting(None if early else at)
-    waiting = session.scalars(oldest.with_for_update(of=Job, skip_locked=True)).first()
-    if waiting is None or not _has_turn(session, waiting):
+    following = _next_waiting(lanes, at=at, early=early)
+    waiting = session.scalars(following.with_for_update(of=Job, skip_locked=True)).first()
+    if waiting is None or not _has_turn(session, waiting, lanes=lanes):
         return None
     return _given(waiting, who, at=at, limits=limits)
 
@@ -199,6 +235,17 @@ def beat(session: Session, held: Lease, *, seconds: float, progress: tuple[int, 
         job.done, job.total = min(done, total), total
         job.leased_until = moment(session) + timedelta(seconds=seconds)
     return job
+
+
+def should_yield(session: Session, held: Lease, *, lanes: Lanes) -> bool:
+    """Return whether a long job in the background should make room for one for which somebody waits."""
+    job, at = session.get(Job, held.job_id), moment(session)
+    if job is None or job.urgent or job.kind in lanes.short or job.created_at < at - _PATIENCE:
+        return False
+    if job.fence - job.waits > _MOST_YIELDS:
+        return False
+    late = (Job.urgent, Job.created_at < at - _YIELD_AFTER)
+    return session.scalars(_next_waiting(lanes, at=at, early=False).where(*late)).first() is not None
 
 
 def guard(session: Session, held: Lease) -> None:
@@ -287,18 +334,28 @@ def _waiting(session: Session, kind: str, *, map_id: int | None, key: str) -> Jo
     return session.scalars(select(Job).where(*same).order_by(Job.id).limit(1).with_for_update()).first()
 
 
-def _next_waiting(at: datetime | None) -> Select[Job]:
-    """Select the oldest waiting job that is due at `at` (None: any), and on whose map no job is running."""
+def _next_waiting(lanes: Lanes, *, at: datetime, early: bool) -> Select[Job]:
+    """Select the waiting job whose turn it is: due, unless `early`, and no other of its map and lane runs."""
     other = aliased(Job)
-    at_work = select(other.id).where(other.map_id == Job.map_id, other.state == "running").exists()
+    same = other.kind.in_(lanes.short) == Job.kind.in_(lanes.short)
+    at_work = select(other.id).where(other.map_id == Job.map_id, other.state == "running", same).exists()
     since = func.coalesce(Job.started_at, Job.created_at)  # one that was put off waits since its last start
-    found = select(Job).where(Job.state == "queued", ~at_work).order_by(since, Job.id).limit(1)
-    due = () if at is None else (Job.not_before <= at, Job.not_before > at + _LONGEST_PAUSE)
-    return found.where(or_(Job.not_before.is_(None), *due)) if due else found
+    first = or_(Job.kind.in_(lanes.short), since < at - _PATIENCE)
+    rank = case((first, 0), (Job.urgent, 1), else_=2)
+    found = select(Job).where(Job.state == "queued", ~at_work, *_taken(lanes))
+    if not early:
+        due = (Job.not_before.is_(None), Job.not_before <= at, Job.not_before > at + _LONGEST_PAUSE)
+        found = found.where(or_(*due))
+    return found.order_by(rank, since, Job.id).limit(1)
 
 
-def _has_turn(session: Session, waiting: Job) -> bool:
-    """Lock the map of a job, and check again that no other job of the map is running.
+def _taken(lanes: Lanes) -> tuple[ColumnElement[bool], ...]:
+    """Return the condition on the jobs that a worker takes."""
+    return (Job.kind.in_(lanes.short),) if lanes.only_short else ()
+
+
+def _has_turn(session: Session, waiting: Job, *, lanes: Lanes) -> bool:
+    """Lock the map of a job, and check again that no other job of the map and lane is running.
 
     Two workers may each find a job of one map. The lock is not waited for: its holder, an edit, may itself
     be waiting for the lock of the job.
@@ -306,8 +363,11 @@ def _has_turn(session: Session, waiting: Job) -> bool:
     if waiting.map_id is None:
         return True
     map_ = select(MapRecord.id).where(MapRecord.id == waiting.map_id).with_for_update(skip_locked=True)
-    at_work = select(Job.id).where(Job.map_id == waiting.map_id, Job.state == "running")
-    return session.scalar(map_) is not None and session.scalar(at_work.limit(1)) is None
+    running = select(Job.kind).where(Job.map_id == waiting.map_id, Job.state == "running")
+    if session.scalar(map_) is None:
+        return False
+    is_short = waiting.kind in lanes.short
+    return all((kind in lanes.short) != is_short for kind in session.scalars(running))
 
 
 def _is_held(job: Job, is_gone: Callable[[str], bool], *, at: datetime) -> bool:

@@ -79,7 +79,8 @@ class _Builder:
             if not maps.counts(session, row)[1] or row.satellite_path is None:
                 return False
             at_work = self._at_work(session)
-        if all(job.state in jobs.ENDED for job in at_work):
+        waits_behind_others = any(job.state == "queued" and not job.urgent for job in at_work)
+        if waits_behind_others or all(job.state in jobs.ENDED for job in at_work):
             self._enqueue()
         return True
 
@@ -98,9 +99,10 @@ class _Builder:
         opened, count = result.opened.pipeline.opened, self.settings.landmarks.around_photos
         arguments = {"photos": on_demand.photos_around(opened, seeds, count=count)}
         with self.library.database.write() as session:
-            jobs.enqueue(
+            job = jobs.enqueue(
                 session, LANDMARKS_JOB, map_id=self.record.id, arguments=arguments, key=f"around {seeds[0]}"
             )
+            job.urgent = True
 
     @property
     def _features(self) -> str:
@@ -133,4 +135,5 @@ class _Builder:
             arguments = {"features": "auto", "method": "auto"}
         with self.library.database.write() as session:
             arguments["state"] = self._state(session)
-            jobs.enqueue(session, INDEX_JOB, map_id=self.record.id, arguments=arguments, key=self._key)
+            job = jobs.enqueue(session, INDEX_JOB, map_id=self.record.id, arguments=arguments, key=self._key)
+            job.urgent = True

@@ -15,6 +15,7 @@ from webapp.core.geo.types import LatLon, MapPixel, inside
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.panorama import Panorama
 from webapp.core.mapmodel.paths import name_problem
+from webapp.core.texts import significant
 from webapp.errors import PhotoError
 from webapp.files.decode import PHOTO_SUFFIXES, check_decodes, contrast_note
 from webapp.files.maps.positions import Positions
@@ -245,7 +246,7 @@ def how_far(pixel: MapPixel, image: MapImage) -> str:
     if image.georeference is not None:
         frame = LocalFrame(image.georeference.latlon_of(edge))
         metres = math.hypot(*frame.enu_of(image.georeference.latlon_of(pixel)))
-        metric = f" ({metres:.3g} m)" if metres < 1000.0 else f" ({metres / 1000.0:.0f} km)"
+        metric = f" ({significant(metres)} m)" if metres < 1000.0 else f" ({metres / 1000.0:.0f} km)"
     sides = [
         name
         for name, beyond in (

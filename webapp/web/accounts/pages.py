@@ -10,7 +10,7 @@ from werkzeug.wrappers import Response
 
 from webapp.errors import ExpMapError, NotAllowed, NotFound, NotSignedIn, TooMany
 from webapp.store import sharing
-from webapp.store.accounts import accounts, sign_in
+from webapp.store.accounts import accounts, devices, sign_in
 from webapp.store.schema import Account
 from webapp.web import errors
 from webapp.web.accounts import sessions
@@ -81,6 +81,15 @@ def end_sessions() -> Response:
     return back("account_pages.show")
 
 
+@account_pages.post("/account/sessions/<id:signed_in_id>/end")
+def end_session(signed_in_id: int) -> Response:
+    """Sign one browser out."""
+    with library().database.write() as db:
+        devices.end(db, account(), id=signed_in_id)
+    flash(_("That browser is signed out."), "success")
+    return back("account_pages.show")
+
+
 @account_pages.post("/account/tokens")
 def new_token() -> str | tuple[str, int]:
     """Make a token; it is shown only in this response."""
@@ -121,8 +130,15 @@ def choose_language() -> Response:
 def _page(error: ExpMapError | None = None, *, token: str | None = None) -> str:
     with library().database.read() as db:
         tokens = accounts.tokens(db, account())
-    minimum = settings().web.min_password
-    return render_template("accounts/account.html", error=error, token=token, tokens=tokens, minimum=minimum)
+        browsers = devices.signed_in(db, account(), days=settings().web.session_days)
+    return render_template(
+        "accounts/account.html",
+        error=error,
+        token=token,
+        tokens=tokens,
+        browsers=[(row, sessions.is_this_browser(row)) for row in browsers],
+        minimum=settings().web.min_password,
+    )
 
 
 @people_pages.before_request

@@ -10,10 +10,10 @@ from flask import Flask, g, request, session
 from flask_login import LoginManager, UserMixin, current_user, login_user, logout_user
 
 from webapp.errors import NotSignedIn, StorageError
-from webapp.store.accounts import accounts
+from webapp.store.accounts import accounts, devices
 from webapp.store.accounts import sign_in as ways_in
 from webapp.store.clock import now
-from webapp.store.schema import Account
+from webapp.store.schema import Account, SignedIn
 from webapp.web.state import library, settings
 
 API = "/api/"
@@ -88,6 +88,11 @@ def sign_in(account: Account) -> None:
     session.clear()
     session.permanent = True
     session[_ID] = secrets.token_hex(16)
+    device = devices.device_of(request.headers.get("User-Agent", ""))
+    with library().database.write() as db:
+        devices.note_sign_in(
+            db, account, session_id=session[_ID], device=device, days=settings().web.session_days
+        )
     login_user(User(account))
     g.expmap_account = account
 
@@ -130,4 +135,20 @@ def _load(user_id: str) -> User | None:
         return None
     with library().database.read() as db:
         account = ways_in.account_of_session(db, session[_ID], account_id=int(id_))
+        due = account is not None and devices.is_use_due(db, session[_ID])
+    if due:
+        _note_use(session[_ID])
     return User(account) if account is not None and account.epoch == int(epoch) else None
+
+
+def _note_use(session_id: str) -> None:
+    try:
+        with library().database.write() as db:
+            devices.note_use(db, session_id)
+    except StorageError as error:  # reading still works while writing fails
+        _log.info("the use of a session was not noted: %s", error)
+
+
+def is_this_browser(row: SignedIn) -> bool:
+    """Return whether the request is from a browser that is signed in."""
+    return _ID in session and devices.is_of(row, session[_ID])

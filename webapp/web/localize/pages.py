@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from flask import Blueprint, render_template
-from flask_babel import format_decimal, format_percent
+from flask_babel import format_decimal, format_percent, format_timedelta
 from flask_babel import gettext as _
 from flask_babel import lazy_gettext as _l
 from markupsafe import Markup
@@ -17,6 +17,7 @@ from webapp.core.geo.types import MapPixel
 from webapp.errors import StorageError
 from webapp.files.localize.models import usable_features, usable_methods
 from webapp.render.charts import ChartWords, error_chart, reliability_chart
+from webapp.store import queries
 from webapp.store.maps import maps
 from webapp.store.operate import job_views
 from webapp.store.schema import MapRecord
@@ -47,8 +48,10 @@ def localize(slug: str) -> str:
     """Show the page for queries; `?query=ID` opens an earlier answer."""
     with reading_map(slug) as (session, record):
         state = map_state.of_page(session, record, account=account())
+        seconds = queries.usual_seconds(session, record)
     return render_template(
         "localize/localize.html",
+        usual=None if seconds is None else format_timedelta(max(seconds, 1.0), threshold=1),
         map=record,
         state=state,
         services=offered_layers(),
@@ -188,7 +191,8 @@ def _summary(figures: dict[str, Any], *, missed: int, metres: float | None) -> s
     if figures["median_px"] is None:
         return found
     median = _distance(figures["median_px"], metres)
-    return f"{found} {_('Half of the answers are at most %(distance)s off.', distance=median)}"
+    half = _("Half of the answers are at most %(distance)s off.", distance=median)
+    return f"{found} {half}"
 
 
 def _advice(miss: Miss) -> str:
@@ -227,7 +231,7 @@ def _lines(figures: dict[str, Any], metres: float | None) -> list[ResultLine]:
         ResultLine(_("Counts as correct within"), _distance(figures["place_radius_px"], metres), ""),
         *within,
         ResultLine(_("Median error"), "–" if median is None else _distance(median, metres), ""),
-        _share(figures, "answered_at_99_precision", _("Answered at a precision of 0.99")),
+        _share(figures, "answered_at_99_precision", _("Answered so surely that 99 of 100 are right")),
         ResultLine(_("Answered “not on this map”"), str(figures["abstained"]), ""),
         ResultLine(_("Photos evaluated"), str(figures["queries"]), ""),
     ]
@@ -257,7 +261,7 @@ def _chart_words() -> ChartWords:
         reliability_title=_("Reliability: share of correct answers by stated probability"),
         stated=_("stated probability of the first answer"),
         right=_("of these correct"),
-        diagonal=_("perfectly calibrated"),
+        diagonal=_("as often right as stated"),
         bin=_("{count} photos: {stated} stated, {right} correct"),
         vertical=_("vertical axis"),
     )

@@ -12,14 +12,14 @@ from flask_babel import LazyString, lazy_gettext
 from sqlalchemy import select
 
 from webapp.errors import Conflict
-from webapp.store.operate import job_views, jobs
+from webapp.store.operate import jobs
 from webapp.store.operate.jobs import ENDED
 from webapp.store.schema import Job, MapRecord
 from webapp.tasks.maps import findings, health, outside_edit
 from webapp.tasks.maps.findings import FixName
 from webapp.web.context import account, library, map_role, open_map, settings
 from webapp.web.fields import BoundedList, RecordNumber
-from webapp.web.language import translate_job
+from webapp.web.job_json import job_json
 from webapp.web.maps import state as map_state
 from webapp.web.maps.schemas import EditAnswer, JobSchema
 
@@ -239,4 +239,4 @@ def evaluate(slug: str, data: dict[str, Any]) -> dict[str, Any]:
     with library().database.write() as session:
         job = jobs.enqueue(session, _EVALUATE_JOB, map_id=record.id, account_id=who.id, arguments=data)
         session.flush()
-        return translate_job(job_views.to_json(session, job, account_id=who.id))
+        return job_json(session, job, account=who)

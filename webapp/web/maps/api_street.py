@@ -11,7 +11,7 @@ from apiflask.validators import OneOf
 
 from webapp.progress import Progress
 from webapp.settings import StreetSettings
-from webapp.store.operate import job_views, jobs
+from webapp.store.operate import jobs
 from webapp.tasks.street.survey import (
     PANORAMA_WISHES,
     SOURCES,
@@ -26,7 +26,7 @@ from webapp.tasks.street.targets import LibraryTarget
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, map_role, open_map, settings
 from webapp.web.fields import BoundedList
-from webapp.web.language import translate_job
+from webapp.web.job_json import job_json
 from webapp.web.maps.schemas import JobSchema
 
 blueprint = APIBlueprint("api_street", __name__, url_prefix="/api/v1/maps/<slug>/street-photos", tag="Photos")
@@ -130,7 +130,7 @@ def add(slug: str, data: dict[str, Any]) -> dict[str, Any]:
             session, _JOB, map_id=record.id, account_id=who.id, arguments=data, key=jobs.key_of(data)
         )
         session.flush()
-        return translate_job(job_views.to_json(session, job, account_id=who.id))
+        return job_json(session, job, account=who)
 
 
 def _request(data: dict[str, Any]) -> StreetRequest:

@@ -96,6 +96,12 @@ def _cards(session: Session, records: list[MapRecord], *, who: Account) -> list[
     ]
 
 
+@blueprint.get("/maps/<slug>/")
+def show_slash(slug: str) -> Response:
+    """Redirect to the URL without the slash."""
+    return redirect(url_for("map_pages.show", slug=slug))
+
+
 @blueprint.get("/maps/<slug>")
 def show(slug: str) -> Response:
     """Redirect from the URL of a map to its editor."""

@@ -225,6 +225,16 @@ class JobErrorOut(Schema):
     hint = String(allow_none=True)
 
 
+class JobBehind(Schema):
+    """The running job that a waiting one waits for."""
+
+    kind = String()
+    map_name = String(
+        allow_none=True, metadata={"description": "null: it is of no map, or of one that you may not see."}
+    )
+    seconds_left = Float(allow_none=True)
+
+
 class JobSchema(Schema):
     """A background job."""
 
@@ -241,6 +251,9 @@ class JobSchema(Schema):
     next_try_s = Float(
         allow_none=True,
         metadata={"description": "Seconds until it is tried again because something was away; else null."},
+    )
+    behind = Nested(
+        JobBehind, allow_none=True, metadata={"description": "What it waits for; null: it waits for nothing."}
     )
     created_at = String()
     mine = Boolean(metadata={"description": "Whether you have started it, and so may cancel it."})

@@ -26,7 +26,7 @@ from webapp.tasks.maps.library_map import floors, georeference
 from webapp.tasks.satellite import display
 from webapp.tasks.satellite.files import source_of
 from webapp.web import context
-from webapp.web.language import translate_job
+from webapp.web.job_json import job_json
 from webapp.web.state import library
 
 FIRST_PHOTOS = 500
@@ -110,10 +110,7 @@ def changes(session: Session, record: MapRecord, *, account: Account, since: int
         **({"placements": _placements(session, record)} if changed else {}),
         **({"notes": notes_json(record), "floors": floors_json(record)} if record.revision > since else {}),
         **_history(session, record, account=account),
-        "jobs": [
-            translate_job(job_views.to_json(session, job, account_id=account.id))
-            for job in job_views.current(session, record.id)
-        ],
+        "jobs": [job_json(session, job, account=account) for job in job_views.shown(session, record.id)],
     }
 
 

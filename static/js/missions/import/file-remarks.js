@@ -2,6 +2,7 @@
 
 import { h, icon } from "../../shared/dom.js";
 import { locale, t, tn } from "../../shared/i18n.js";
+import { queuedText } from "../../shared/job-list.js";
 import { sentence } from "../../shared/toast.js";
 
 const SHORT = 6;
@@ -29,7 +30,7 @@ function barOf({ name, state, file, sent, job }) {
 function lineText({ state, error, contents, result, job }) {
   if (state === "sending") return t("Sending the file...");
   if (state === "reading") return t("Reading the file");
-  if (state === "importing") return job?.state === "queued" ? t("Queued") : [t("Importing"), job?.note].filter(Boolean).join(" · ");
+  if (state === "importing") return job?.state === "queued" ? queuedText(job) : [t("Importing"), job?.note].filter(Boolean).join(" · ");
   if (error) return [error.message, error.hint].filter(Boolean).map(sentence).join(". ");
   if (state === "done") return resultText([result]);
   if (contents.table?.problem) return t("The columns are not recognized.");

@@ -166,6 +166,7 @@ class Wizard {
 
   _showContents() {
     this._go("contents");
+    for (const { contents } of this.files) this._proposeStart(contents?.start);
     this._showFile(this.files.find(({ isUsable }) => isUsable));
   }
 
@@ -198,9 +199,14 @@ class Wizard {
     return this.files.filter(({ isUsable }) => isUsable);
   }
 
+  /** Begin with the start of the mission, or with that which positions in a file give. */
+  _proposeStart(start) {
+    if (start && this.start.isEmpty) this.start.set([start.lat, start.lon, start.heading_deg]);
+  }
+
   async _lookAtPlace() {
     const { place, start } = await this.into.look();
-    if (start && this.start.isEmpty) this.start.set([start.lat, start.lon, start.heading_deg]);
+    this._proposeStart(start);
     this.preview.setPlace(place);
   }
 

@@ -181,6 +181,21 @@ def test_the_list_describes_the_best_track(client, send, walk):
     assert found["distance_m"] == pytest.approx(2, rel=1e-3)
 
 
+def test_the_list_adds_the_tracks_up_that_one_source_has(client, send, walk):
+    parts = [walk(3, track="a"), walk(5, track="b"), walk(2, track="c")]
+    send(
+        [
+            *(pose | {"time": pose["time"] + 100} for pose in parts[0]),
+            *parts[1],
+            *parts[2],
+            *walk(9, source="odometry"),
+        ]
+    )
+    (found,) = client.get("/api/v1/missions").json["missions"]
+    assert found["distance_m"] == pytest.approx(2 + 4 + 1, rel=1e-3)
+    assert found["duration_s"] == 2 + 4, "one overlaps with another"
+
+
 def test_previews_of_the_list(client, mission, send, walk, new_map, owner, place_image):
     listed = lambda: client.get("/api/v1/missions?previews=1").json["missions"][0]["preview"]  # noqa: E731
     assert listed() is None, "nothing to draw"

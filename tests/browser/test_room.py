@@ -1,0 +1,97 @@
+"""Room for what people look at: low windows, messages and jobs that cover nothing, cards, long names."""
+
+import re
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.browser.test_jobs_seen import FAILED
+
+LEAST_PX = 200
+LOW = {"width": 683, "height": 384}
+"""A window of 1366 x 768 at 200 %."""
+
+WIDE = {"width": 1366, "height": 768}
+
+
+def overlap(one, two):
+    """Return whether two boxes overlap."""
+    return all(
+        one[at] < two[at] + two[size] and two[at] < one[at] + one[size]
+        for at, size in (("x", "width"), ("y", "height"))
+    )
+
+
+@pytest.mark.parametrize("tab", ["edit", "localize"])
+def test_in_a_low_window_the_map_has_a_least_height_and_the_page_scrolls(make_page, tab):
+    page = make_page(2, placed=True).page
+    page.set_viewport_size(LOW)
+    page.goto(re.sub("/[a-z]+$", f"/{tab}", page.url))
+    box = page.locator("#map-canvas").bounding_box()
+    assert box["height"] >= LEAST_PX
+    assert page.evaluate("document.documentElement.scrollHeight > innerHeight + 100")
+    page.evaluate("window.scrollTo(0, 9999)")
+    assert page.evaluate("window.scrollY > 100")
+
+
+def test_jobs_are_slim_lines_and_messages_are_over_the_image(make_page):
+    edit = make_page(2, placed=True)
+    page = edit.page
+    page.set_viewport_size(WIDE)
+    running = FAILED | {
+        "kind": "index",
+        "state": "running",
+        "error": None,
+        "note": "describing photos",
+        "map": edit.slug,
+    }
+
+    def with_job(route):
+        answer = route.fetch()
+        route.fulfill(response=answer, json=answer.json() | {"jobs": [running]})
+
+    page.route(re.compile(r"[?&]since="), with_job)
+    job = page.get_by_test_id("job-progress").first
+    expect(job).to_have_attribute("data-state", "running")
+    assert page.locator("#activity").bounding_box()["height"] <= 64
+    edit.tray.first.click()
+    page.locator("#current-remove").click()
+    message = page.locator(".toast").first
+    expect(message).to_be_visible()
+    for part in ("#current", "#side"):
+        assert not overlap(message.bounding_box(), page.locator(part).bounding_box()), part
+
+
+def test_a_card_shows_the_whole_map_and_two_lines_of_its_name(page, api, sample_folder):
+    name = "A map with a name that is much longer than any card is wide " * 2
+    slug = api.make_map(name[:118].strip(), satellite=sample_folder / "satellite.png")
+    page.goto("/")
+    card = page.locator(f"[data-slug='{slug}']")
+    picture = card.locator(".map-card__picture").bounding_box()
+    image = card.locator("img")
+    assert image.evaluate("image => getComputedStyle(image).objectFit") == "contain"
+    assert image.bounding_box()["height"] <= picture["height"] + 1
+    heading = card.locator("h2")
+    line = heading.evaluate("h => parseFloat(getComputedStyle(h).lineHeight)")
+    assert heading.bounding_box()["height"] <= 2.1 * line
+
+
+def test_the_table_of_several_photos_has_short_names_and_no_broken_picture(
+    page, sample_map, tmp_path, sample_folder
+):
+    heic = tmp_path / ("a name that is far too long for a narrow table " * 4 + ".heic")
+    heic.write_bytes(b"\0\0\0\x18ftypheic")
+    page.goto(f"/maps/{sample_map}/localize")
+    page.get_by_test_id("query-input").set_input_files([heic, sample_folder / "queries" / "query_01.jpg"])
+    page.get_by_role("button", name="Each separately").click()
+    row = page.get_by_test_id("batch-row").first
+    expect(row.locator("img")).to_have_count(0)
+    expect(row.locator("svg").first).to_be_visible()
+    assert row.bounding_box()["height"] < 80
+
+
+def test_on_a_phone_the_first_map_is_in_sight(page, sample_map):
+    page.set_viewport_size({"width": 390, "height": 844})
+    page.goto("/")
+    first = page.locator(".map-card__picture").first.bounding_box()
+    assert first["y"] + first["height"] < 844
