@@ -105,10 +105,10 @@ export interface components {
             map_kind?: "metric" | "areas" | "schematic" | "mixed";
             map_revision?: number;
             method?: string;
-            /** @description Photos of the map that cannot be found yet. */
-            not_indexed?: number;
             /** @description Why there is no place; missing if there is one. */
             no_pose?: string;
+            /** @description Photos of the map that cannot be found yet. */
+            not_indexed?: number;
             /** @description Why there is less than was asked for; else it is missing. */
             note?: string;
             /** @description That it was not taken on this map; null: not known. */
@@ -621,7 +621,7 @@ export interface components {
             lon: number;
         };
         FusionOut: {
-            /** @description `odometry`, `receiver`: factors on the assumed or stated standard deviations. */
+            /** @description Factors on standard deviations: `odometry` on the usual ones, `stated` on those of each source; more than 1: it was too sure. `receiver` is that of `gps`. */
             errors?: {
                 [key: string]: unknown;
             };
@@ -808,6 +808,10 @@ export interface components {
              * @default null
              */
             name: string | null;
+        };
+        InstalledModel: {
+            file?: string;
+            model?: string;
         };
         IntakeOut: {
             /** @description of a file beside a photo: the name of the photo that it was read for */

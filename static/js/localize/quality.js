@@ -44,8 +44,8 @@ async function follow(id) {
 }
 
 /** Show the progress. @returns {boolean} whether it ended without a result */
-function ended(job) {
-  const { state, done, total, note, seconds_left: left, error } = job;
+function ended(found) {
+  const { state, done, total, note, seconds_left: left, error } = found;
   if (state === "failed") {
     stop(error);
     lastFailure().catch(toastError);
@@ -54,7 +54,7 @@ function ended(job) {
   if (total > 0 && state === "running") Object.assign(bar, { max: total, value: Math.min(done, total) });
   else bar.removeAttribute("value");
   const parts = [total > 0 && t("{done} of {total}", { done, total }), note, left !== null && t("about {time} left", { time: duration(left) })];
-  const words = state === "queued" ? queuedText(job) : parts.filter(Boolean).join(" · ");
+  const words = state === "queued" ? queuedText(found) : parts.filter(Boolean).join(" · ");
   document.getElementById("words").textContent = words;
   return state === "failed" || state === "cancelled";
 }

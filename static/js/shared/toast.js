@@ -35,7 +35,7 @@ export function toast(message, { kind = "info", hint = null, action = null } = {
 
 /**
  * Show an error, except an abort or a required sign-in (401).
- * @param {Error & {status?: number, hint?: ?string}} error
+ * @param {{name?: string, message: string, status?: number, hint?: ?string, code?: string}} error
  */
 export function toastError(error) {
   if (error.name === "AbortError" || error.status === 401) return;
