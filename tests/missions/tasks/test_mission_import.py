@@ -256,3 +256,17 @@ def test_the_options_in_an_import_key_are_written_as_in_0_7_0():
         "min_move=MinMove(value=1e-05, unit='deg'), "
         "topics=('/fix',), columns=None, source=None)"
     )
+
+
+def test_a_file_that_an_older_version_divided_otherwise_is_imported_once(library, mission, log, monkeypatch):
+    whole = log.read_text()
+    log.write_text("\n".join(line.replace(",a,", ",,").replace(",b,", ",,") for line in whole.splitlines()))
+    order = order_for(log)
+    key = import_file._key(order, Progress())
+    monkeypatch.setattr(import_file, "_key", lambda _order, _progress: key)
+    assert imported(library, mission, order).new
+    before = content(library, mission)
+    log.write_text(whole)  # stands for the same file, which is now read as two tracks
+    again = imported(library, mission, order)
+    assert not again.new
+    assert content(library, mission) == before
