@@ -11,8 +11,6 @@ from dataclasses import dataclass, field, replace
 from PIL import Image
 
 from webapp.errors import TrackError
-from webapp.files.exchange.xml import local_name, walk
-from webapp.files.exchange.xml import number as finite
 from webapp.files.photos.exif_gps import ABSENT, Gps, Heading, NoGps, read_gps, read_heading
 
 MAX_BYTES = 2_000_000
@@ -61,7 +59,7 @@ class Xmp:
 
     def dji(self, name: str) -> float:
         """Return a number that a drone of DJI has written; NaN without it."""
-        return finite(self.properties.get(f"{{{_DJI}}}{name}"))
+        return _number(self.properties.get(f"{{{_DJI}}}{name}", ""))
 
 
 def read_xmp(image: Image.Image) -> Xmp:
@@ -81,6 +79,8 @@ def parse_xmp(packet: bytes) -> Xmp:
         return Xmp()
     if len(text) > MAX_BYTES:
         return Xmp(note=f"its XMP has more than {MAX_BYTES // 10**6} MB and was left out")
+    from webapp.files.exchange.xml import local_name, walk  # imported lazily: most photos have no XMP
+
     found: dict[str, str] = {}
     try:
         for event, element in walk(io.BytesIO(text), whole=()):
@@ -173,10 +173,19 @@ def _by_drone(gps: Gps | NoGps, xmp: Xmp) -> Gps | NoGps:
     return replace(gps, accuracy_m=std) if std > 0.0 and gps.source != "XMP" else gps
 
 
+def _number(text: str) -> float:
+    """Parse a finite number; NaN for anything else."""
+    try:
+        value = float(text)
+    except ValueError:
+        return math.nan
+    return value if math.isfinite(value) else math.nan
+
+
 def _rational(text: str) -> float:
     above, _, below = text.partition("/")
-    divisor = finite(below) if below else 1.0
-    return finite(above) / divisor if divisor else math.nan
+    divisor = _number(below) if below else 1.0
+    return _number(above) / divisor if divisor else math.nan
 
 
 def panorama_notes(xmp: Xmp, *, width: int, height: int, has_fov: bool) -> tuple[str, ...]:
@@ -196,7 +205,7 @@ def panorama_notes(xmp: Xmp, *, width: int, height: int, has_fov: bool) -> tuple
     full, shown = xmp.panorama("FullPanoWidthPixels"), xmp.panorama("CroppedAreaImageWidthPixels")
     if (full and shown and full != shown) or abs(width / height - _WHOLE) > _TOLERANCE * _WHOLE:
         return ("it is a part of a panorama, and is taken as a plain photo",)
-    tilts = [finite(xmp.panorama(name)) for name in ("PosePitchDegrees", "PoseRollDegrees")]
+    tilts = [_number(xmp.panorama(name)) for name in ("PosePitchDegrees", "PoseRollDegrees")]
     tilted = [abs(math.remainder(tilt, 360.0)) for tilt in tilts if not math.isnan(tilt)]
     if max(tilted, default=0.0) <= _TILTED_DEG:
         return ()
