@@ -56,18 +56,24 @@ def visit(open_context, owner, screen, sample_map):
         page.goto(path)
         # the editor asks for changes again and again, so its network is never idle
         page.wait_for_load_state("networkidle" if "edit" not in path else "load")
-        page.wait_for_function(SHOWN)
-        page.wait_for_function(CALM)
+        wait_for(page, SHOWN)
+        wait_for(page, CALM)
         return page
 
     return visit
+
+
+def wait_for(page, script):
+    """Wait until a script returns true; `wait_for_function` compiles it in the page, whose policy forbids that."""
+    while not page.evaluate(script):
+        page.wait_for_timeout(50)
 
 
 def check(page, within="html"):
     """Check accessibility in the light and the dark theme, and overflow, title and heading."""
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)
-        page.wait_for_function(CALM)
+        wait_for(page, CALM)
         assert axe.findings(page, within) == [], scheme
     overflow = page.evaluate("document.documentElement.scrollWidth - innerWidth")
     assert overflow <= 0, f"{overflow} pixels are outside the screen"

@@ -66,7 +66,10 @@ def _is_near(times_s: Floats, others: Floats) -> NDArray[np.bool_]:
     after = np.searchsorted(others, times_s).clip(0, len(others) - 1)
     before = (after - 1).clip(0)
     nearest = np.minimum(abs(others[after] - times_s), abs(others[before] - times_s))
-    return (nearest <= _GAP_S) & (times_s >= others[0] - 1.0) & (times_s <= others[-1] + 1.0)
+    near: NDArray[np.bool_] = (
+        (nearest <= _GAP_S) & (times_s >= others[0] - 1.0) & (times_s <= others[-1] + 1.0)
+    )
+    return near
 
 
 def _rigid(source: Floats, target: Floats) -> tuple[Floats, Floats]:
