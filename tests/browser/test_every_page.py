@@ -64,7 +64,7 @@ def visit(open_context, owner, screen, sample_map):
 
 
 def wait_for(page, script):
-    """Wait until a script returns true; `wait_for_function` compiles it, which the policy of pages forbids."""
+    """Wait until a script is true; `wait_for_function` compiles it, which the policy of pages forbids."""
     while not page.evaluate(script):
         page.wait_for_timeout(50)
 
