@@ -65,8 +65,11 @@ def visit(open_context, owner, screen, sample_map):
 
 def wait_for(page, script):
     """Wait until a script is true; `wait_for_function` compiles it, which the policy of pages forbids."""
-    while not page.evaluate(script):
+    for _ in range(600):
+        if page.evaluate(script):
+            return
         page.wait_for_timeout(50)
+    pytest.fail(f"it did not come true: {script}")
 
 
 def check(page, within="html"):
