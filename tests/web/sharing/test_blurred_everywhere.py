@@ -112,7 +112,8 @@ WITHOUT_PHOTOS = {
     "keypoints, cameras and names: see tests/web/landmarks": "api_cloud.colmap api_shared_cloud.colmap",
     "the program itself": (
         "static static_files.bundle static_files.favicon installable.manifest installable.service_worker "
-        "manual_pages.index manual_pages.picture metrics.show map_pages.show map_pages.show_slash sign_in.form sign_in.link"
+        "manual_pages.index manual_pages.picture metrics.show map_pages.show map_pages.show_slash "
+        "sign_in.form sign_in.link"
     ),
 }
 
