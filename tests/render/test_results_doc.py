@@ -43,7 +43,7 @@ def form(evaluation):
 def test_every_field_of_localize_is_explained(form):
     answer = form["per_query"][0]["answer"]
     inside = {"hypotheses": "hypotheses[].", "statistics": "statistics.", "seconds": "seconds."}
-    only_sometimes = {"sequence", "note"}
+    only_sometimes = {"sequence", "note", "no_pose"}
     only_with_floors = {f"hypotheses[].{name}" for name in ("floor", "floor_name", "floor_height_m")}
     only_sometimes |= only_with_floors
     camera = {f.name for f in fields(CameraPose)} | {"height_m"}

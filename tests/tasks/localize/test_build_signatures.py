@@ -14,7 +14,7 @@ from webapp.errors import Cancelled, UsageError
 from webapp.files.localize.index_store import IndexFolder
 from webapp.progress import Progress
 from webapp.settings import RetrievalSettings, Settings
-from webapp.tasks.localize import build_map, coding, segments
+from webapp.tasks.localize import build_map, segments
 from webapp.tasks.localize.open_map import OpenMap
 from webapp.tasks.localize.pipeline import LocalizationPipeline, Look
 from webapp.tasks.localize.plan import OpenOptions
@@ -91,7 +91,7 @@ def test_what_is_damaged_is_made_again(tmp_path, make_map, opening, damaged, qui
     (path,) = folder.glob(damaged)
     path.write_bytes(path.read_bytes()[:-70])
     manifest = IndexFolder(folder).read_manifest()
-    making = coding.coding_of(IndexFolder(folder), "vlad", kind="float")
+    making = segments.coding_of(IndexFolder(folder), "vlad", kind="float")
     assert not making.holds(manifest.segments[0], codebook=manifest.codebook)
     asked = OpenOptions(features="sift", matcher="vlad", jobs=1)
     build_map.build_map(cfg, asked, settings=quick, progress=Progress())
@@ -108,7 +108,7 @@ def test_a_build_that_was_stopped_before_its_signatures_continues(
         raise Cancelled("stopped")
 
     with monkeypatch.context() as patch:
-        patch.setattr(coding, "write_signatures", stop)
+        patch.setattr(segments, "write_signatures", stop)
         with pytest.raises(Cancelled):
             opening(cfg, matcher="vlad")
     described.clear()
