@@ -48,7 +48,7 @@ def test_visitors_follow_a_mission_until_the_link_is_taken_back(visitor, shared)
     expect(visitor.get_by_test_id("track")).to_have_count(1)
     expect(visitor.get_by_test_id("track")).to_contain_text("40")
     live = visitor.get_by_test_id("live-state")
-    expect(live).to_have_text("Recording")  # the poses are of another year
+    expect(live).to_have_text("Recorded")  # the poses are of another year
     visitor.get_by_test_id("tab-objects").click()
     expect(visitor.get_by_test_id("object")).to_have_count(1)
     send(*(pose(n) for n in range(40, 55)), seen("b2", "person"))

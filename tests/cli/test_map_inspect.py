@@ -92,6 +92,12 @@ def test_what_cannot_be_read(inspect, folder):
     ]
 
 
+def test_files_beside_photos_are_no_photos(inspect, folder):
+    alone, both = inspect(folder / "b.png"), inspect(folder / "b.png", folder / "b.png.xmp")
+    assert both == alone
+    assert both[0] == 0
+
+
 def test_as_json(inspect, folder):
     code, text = inspect("--json", folder / "b.png", folder / "text.jpg")
     assert code == 1

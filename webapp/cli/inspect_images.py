@@ -12,6 +12,7 @@ from webapp.cli.composition import settings_in_use
 from webapp.cli.exitcodes import DONE, SOME_FAILED
 from webapp.files.photos.exif_gps import Gps
 from webapp.files.photos.photo import PhotoFacts
+from webapp.files.photos.sidecars import is_sidecar
 from webapp.tasks.maps.inspect_images import ImageReport, PlanFacts, as_json, inspect_image
 
 _NORTH = {"T": "true north", "M": "magnetic north", None: "unknown north"}
@@ -23,11 +24,11 @@ _NORTH = {"T": "true north", "M": "magnetic north", None: "unknown north"}
 def inspect(files: tuple[Path, ...], as_lines: bool) -> int:
     """Show how FILES, photos and plans, are understood: size, position and its source, heading, notes.
 
-    Files beside photos are read, too. Nothing is stored, and no library is needed. Exit code 1 when a file
-    cannot be read.
+    Files with metadata beside photos (`.xmp`, Google's JSON) are read with these. Nothing is stored, and no
+    library is needed. Exit code 1 when a file cannot be read.
     """
     failed = 0
-    for path in files:
+    for path in [one for one in files if not is_sidecar(one.name)] or files:
         report = inspect_image(path, settings=settings_in_use(path))
         failed += not report.is_read
         click.echo(json.dumps(as_json(report), ensure_ascii=False) if as_lines else "\n".join(_lines(report)))

@@ -21,7 +21,7 @@ export function liveBadge(store, isConnected) {
     const ended = Boolean(store.mission.ended_at);
     const isLive = isConnected() && !ended && Date.now() - Math.max(heard, newest) < LIVE_MS;
     const isOld = newest > 0 && Date.now() - Math.max(heard, newest) > RECORDING_MS;
-    const text = !isConnected() ? t("No connection") : isLive ? t("Live") : ended ? t("Ended") : isOld ? t("Recording") : t("No recent data");
+    const text = !isConnected() ? t("No connection") : isLive ? t("Live") : ended ? t("Ended") : isOld ? t("Recorded") : t("No recent data");
     badge.className = `badge ${!isConnected() ? "badge--warning" : isLive ? "badge--success mi-live" : ""}`;
     if (badge.textContent !== text) badge.textContent = text;
     byId("follow-part").hidden = ended;

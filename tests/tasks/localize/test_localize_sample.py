@@ -140,6 +140,8 @@ def test_every_answer_adds_up_and_is_ranked(localizer):
         assert listed == sorted(listed, reverse=True)
         assert [h.rank for h in answer.hypotheses] == list(range(1, len(listed) + 1))
         assert all(0 < h.radius_px <= localizer.place_radius_px for h in answer.hypotheses)
+        compared = [one.experience for one in answer.evidence]
+        assert len(compared) == len(set(compared))
 
 
 def test_a_photo_from_elsewhere_is_not_on_the_map(localizer):

@@ -252,12 +252,12 @@ def test_all_models_of_the_second_look_have_an_address_and_a_hash():
 
 def test_what_is_missing_is_said_with_what_it_would_bring(settings):
     said = task.advice(settings)
-    assert said.startswith("xfeat and lighterglue not installed (6.5 MB): with it 77 % instead of 25 %")
+    assert said.startswith("xfeat and lighterglue not installed (6.5 MB): with them, 77 % instead of 25 %")
     assert "expmap models fetch" in said and "\n" not in said
     settings.models.mkdir(parents=True)
     (settings.models / "xfeat_640x640.onnx").touch()
     assert task.advice(settings).startswith(
-        "lighterglue not installed (2.3 MB): with it 77 % instead of 67 %"
+        "lighterglue not installed (2.3 MB): with it, 77 % instead of 67 %"
     )
     (settings.models / "lighterglue_L3.onnx").touch()
     assert task.advice(settings) == ""

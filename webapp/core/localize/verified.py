@@ -74,14 +74,15 @@ def with_probabilities(
         for rank, i in enumerate(order[:top], 1)
     )
     first, *further = (found.places[i].photos for i in order[:top])
-    shown = [*first[:_EVIDENCE_PHOTOS], *(photos[0] for photos in further)]
+    chosen = [*first[:_EVIDENCE_PHOTOS], *(photos[0] for photos in further)]
+    shown = {photo.matched.photo: photo for photo in chosen}  # a photo may speak for several places
     return Answer(
         hypotheses=hypotheses,
         off_map_probability=off_map,
         other_probability=float(probability[order[top:]].sum()),
         no_pose=None,
         statistics=found.answer.statistics,
-        evidence=tuple(_evidence(indexed, photo) for photo in shown),
+        evidence=tuple(_evidence(indexed, photo) for photo in shown.values()),
         seconds=found.answer.seconds,
         quarter_turns=found.answer.quarter_turns,
     )

@@ -103,9 +103,10 @@ def advice(settings: Settings, *, models: Models = MODELS) -> str:
         return ""
     size = sum(models[name][0].bytes for name in absent) / 1e6
     now = next(n for n in (SECOND_LOOK, ("xfeat",), ()) if not {*n} & {*absent})
+    them = "it" if len(absent) == 1 else "them"
     return (
-        f"{' and '.join(absent)} not installed ({size:.1f} MB): with it {_BY_NIGHT[SECOND_LOOK]} % instead "
-        f"of {_BY_NIGHT[now]} % of photos by night were localized correctly; "
+        f"{' and '.join(absent)} not installed ({size:.1f} MB): with {them}, {_BY_NIGHT[SECOND_LOOK]} % "
+        f"instead of {_BY_NIGHT[now]} % of photos by night are localized correctly; "
         "run expmap models fetch, or open Server > Models as the owner"
     )
 

@@ -61,7 +61,7 @@ def test_relative_times_keep_their_unit(unit):
 def test_absolute_times_come_before_relative_ones_and_utc_before_local_time(columns, rows):
     piece, findings = read(f"{columns},lat,lon\n" + "".join(f"{row},50,14\n" for row in rows))
     assert piece.poses.times_s[0] == START
-    assert findings.notes[0].startswith("of the columns ")
+    assert findings.notes[0].startswith("the times are read from the column ")
 
 
 def test_a_local_time_is_taken_with_a_remark():

@@ -71,7 +71,8 @@ def choose_times(
     names = [header[one.column.index].strip() for one in times if one.holds > _Holds.NOTHING]
     name = header[best.column.index].strip()
     if len(names) > 1:
-        remarks.append(f"of the columns {', '.join(names)} the times are those of {name}")
+        others = ", ".join(one for one in names if one != name)
+        remarks.append(f"the times are read from the column {name}, not from {others}")
     if best.holds is not _Holds.NOTHING and best.basis < 0:
         remarks.append(f"the local times of {name} were read as UTC")
     return chosen, remarks
