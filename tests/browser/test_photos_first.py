@@ -167,8 +167,8 @@ def test_a_reload_amid_an_upload_offers_to_continue_with_the_same_map(page, api,
         page.get_by_test_id("photo-input").set_input_files(photos[:3])
     answer.value.finished()
     slug = answer.value.url.split("/maps/")[1].split("/")[0]
-    page.unroute_all(behavior="ignoreErrors")
     page.reload()
+    page.unroute_all(behavior="ignoreErrors")
     offer = page.get_by_test_id("begun-map")
     expect(offer).to_contain_text("The upload to Begun was interrupted: it has 1 photo.")
     assert axe.findings(page) == []
