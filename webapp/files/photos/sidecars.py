@@ -14,7 +14,7 @@ from webapp.errors import MapJsonError
 from webapp.files.decode import PHOTO_SUFFIXES
 from webapp.files.json_fields import parse_json
 from webapp.files.photos.exif import number
-from webapp.files.photos.exif_gps import Gps, read_gps
+from webapp.files.photos.exif_gps import Gps, NoGps, agree, read_gps
 from webapp.files.photos.photo import PhotoFacts
 from webapp.files.photos.xmp import MAX_BYTES, locate, parse_xmp
 
@@ -169,9 +169,23 @@ def _with_xmp(facts: PhotoFacts, name: str, data: bytes) -> PhotoFacts:
         return _noted(facts, f"{name} is damaged and was left out")
     there = locate({}, xmp)
     if isinstance(there.gps, Gps):
-        facts = replace(facts, gps=replace(there.gps, source=name))
+        facts = replace(facts, gps=_corrected(facts.gps, replace(there.gps, source=name)))
     pitch = facts.pitch_deg if there.pitch_deg is None else there.pitch_deg
     return replace(facts, heading=there.heading or facts.heading, pitch_deg=pitch)
+
+
+def _corrected(gps: Gps | NoGps, beside: Gps) -> Gps | NoGps:
+    """Return the position beside a photo, or the photo's own, which says more, if that is only repeated."""
+    if isinstance(gps, NoGps):
+        return gps if gps.refuses(beside) else beside
+    if not agree(gps, beside):
+        return beside
+    return replace(
+        gps,
+        accuracy_m=beside.accuracy_m if gps.accuracy_m is None else gps.accuracy_m,
+        dop=beside.dop if gps.dop is None else gps.dop,
+        altitude_m=beside.altitude_m if gps.altitude_m is None else gps.altitude_m,
+    )
 
 
 def _with_google(facts: PhotoFacts, name: str, data: bytes) -> PhotoFacts:
@@ -184,7 +198,7 @@ def _with_google(facts: PhotoFacts, name: str, data: bytes) -> PhotoFacts:
     if not isinstance(facts.gps, Gps):
         for key in ("geoData", "geoDataExif"):
             found = read_gps(_google_tags(content.get(key)))
-            if isinstance(found, Gps):
+            if isinstance(found, Gps) and not facts.gps.refuses(found):
                 facts = replace(facts, gps=replace(found, source=name))
                 break
     taken = content.get("photoTakenTime")
