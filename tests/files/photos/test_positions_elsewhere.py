@@ -2,6 +2,7 @@
 
 import io
 import json
+import time
 
 import piexif
 import pillow_heif
@@ -218,6 +219,14 @@ def test_files_beside_photos_are_looked_up_in_their_folder():
     assert beside.of("in/a.jpg") == ["in/a.jpg.xmp", "in/a.jpg.json"]
     assert beside.of("b/a.jpg") == ()
     assert (beside.photo_of("in/a.jpg.xmp"), beside.photo_of("b/map.json")) == ("in/a.jpg", None)
+
+
+def test_a_folder_of_thousands_of_photos_takes_no_time():
+    photos = [f"in/p{number:05}.jpg" for number in range(3000)]
+    begin = time.process_time()
+    beside = Sidecars([*photos, *(f"{photo}.supplemental-metadata.json" for photo in photos)])
+    assert time.process_time() - begin < 3.0  # comparing all with all takes ten times as long
+    assert beside.of(photos[7]) == ["in/p00007.jpg.supplemental-metadata.json"]
 
 
 def google(**parts):
