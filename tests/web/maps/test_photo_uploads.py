@@ -441,6 +441,17 @@ class TestFilesBesidePhotos:
         assert [(one["gps"]["lat"], one["gps_problem"]) for one in rows] == [(50.1, None), (50.2, None)]
         assert rows[0]["file_notes"] == ["its position is from a.jpg.xmp"]
 
+    def test_two_of_one_name_are_refused(self, send, photos):
+        answer = send((jpeg(1), "a.jpg"), (XMP, "a.xmp"), (b"<a/>", "a.xmp"))
+        assert (answer.status_code, answer.json["error"]["where"]) == (400, "a.xmp")
+        assert photos() == []
+
+    def test_they_have_a_limit_in_all(self, send, photos, monkeypatch):
+        monkeypatch.setattr(api_photos, "_MOST_BESIDE_BYTES", 2 * len(XMP) - 1)
+        answer = send((jpeg(1), "a.jpg"), (XMP, "a.jpg.xmp"), (jpeg(2), "b.jpg"), (XMP, "b.jpg.xmp"))
+        assert (answer.status_code, answer.json["error"]["where"]) == (400, "b.jpg.xmp")
+        assert photos() == []
+
     def test_with_an_upload_in_chunks(self, client, park):
         data = jpeg(3, side=40)
         sender = Sender(client, park)

@@ -1,6 +1,7 @@
 """XML of tracks and maps: a streaming reader for untrusted files, and escaping for streaming writers.
 
-The reader refuses document types, entities and deep nesting, and releases elements once they are read.
+The reader refuses document types, entities, deep nesting and names that take much memory (`xml_guard.py`),
+and releases elements once they are read.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import iterparse
 
 from webapp.errors import TrackError
+from webapp.files.exchange.xml_guard import Guarded
 
 MAX_DEPTH = 60
 _NO_MEMORY = 1
@@ -44,7 +46,8 @@ def walk(file: BinaryIO, *, whole: Collection[str]) -> Iterator[tuple[str, Eleme
         element: Valid until the next event.
 
     Raises:
-        TrackError: The XML is malformed, nested too deeply, or declares a document type or entities.
+        TrackError: The XML is malformed, nested too deeply, has too many or too long names, or declares a
+            document type or entities.
     """
     stack: list[Element] = []
     inside = 0
@@ -92,8 +95,12 @@ def quoted(text: str) -> str:
 
 
 def _events(file: BinaryIO) -> Iterator[tuple[str, Element]]:
+    guarded = Guarded(file)
     try:
-        yield from iterparse(file, events=("start", "end"), forbid_dtd=True)
+        for event, element in iterparse(guarded, events=("start", "end"), forbid_dtd=True):
+            if event == "start":
+                guarded.enter(element)
+            yield event, element
     except DefusedXmlException as error:
         hint = "such a file can exhaust the memory of its reader: export the track again"
         raise TrackError("the XML declares a document type or entities", hint=hint) from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
@@ -18,6 +19,9 @@ _LAT_REF, _LAT, _LON_REF, _LON, _ALT_REF, _ALT = 1, 2, 3, 4, 5, 6
 _STATUS, _DOP, _DIRECTION_REF, _DIRECTION, _DATUM, _ERROR = 9, 11, 16, 17, 18, 31
 _BELOW = (1, 3, b"\x01", b"\x03")
 """References of altitudes that count downwards: from sea level, and since Exif 3.0 from the ellipsoid."""
+
+_SAME_M, _METRES_PER_DEGREE = 1.5, 111_320.0
+"""Copies of a position differ by their rounding, to 0.001 minutes (1.9 m) in many programs."""
 
 _FAR_DATUMS = frozenset({"TOKYO", "NAD27", "ED50", "PULKOVO1942", "PULKOVO42"})
 """Datums hundreds of metres from WGS 84."""
@@ -43,6 +47,11 @@ class NoGps:
     """No position, and the reason in a sentence. Falsy."""
 
     reason: str
+    refused: Gps | None = None  # What it says, if it is complete but not to be trusted
+
+    def refuses(self, other: Gps) -> bool:
+        """Return whether another position is only a copy of the refused one."""
+        return self.refused is not None and agree(self.refused, other)
 
     def __bool__(self) -> bool:
         """Return False: there is no position."""
@@ -65,8 +74,22 @@ def read_gps(tags: Mapping[int, object]) -> Gps | NoGps:
     """Read the position from the tags of the GPS IFD."""
     if not any(tag in tags for tag in (_LAT, _LON, _LAT_REF, _LON_REF)):
         return ABSENT
+    found = _position(tags)
     if text(tags.get(_STATUS)).upper() == "V":
-        return NoGps("its GPS had no fix (status V)")
+        return NoGps("its GPS had no fix (status V)", None if isinstance(found, NoGps) else found)
+    datum = "".join(c for c in text(tags.get(_DATUM)).upper() if c.isalnum())
+    if isinstance(found, Gps) and datum in _FAR_DATUMS:
+        return NoGps(f"its GPS position is in the datum {datum}, not in WGS 84", found)
+    return found
+
+
+def agree(one: Gps, other: Gps) -> bool:
+    """Return whether two positions are the same but for rounding."""
+    east_deg = math.remainder(one.lon - other.lon, 360.0) * math.cos(math.radians(one.lat))
+    return math.hypot(one.lat - other.lat, east_deg) * _METRES_PER_DEGREE <= _SAME_M
+
+
+def _position(tags: Mapping[int, object]) -> Gps | NoGps:
     lat = _degrees(tags.get(_LAT), "latitude")
     lon = _degrees(tags.get(_LON), "longitude")
     for value in (lat, lon):
@@ -82,9 +105,6 @@ def read_gps(tags: Mapping[int, object]) -> Gps | NoGps:
     assert not isinstance(lat, NoGps) and not isinstance(lon, NoGps)
     if abs(lat) > 90.0 or abs(lon) > 180.0:
         return NoGps(f"its GPS position {lat:g} {lon:g} is out of range")
-    datum = "".join(c for c in text(tags.get(_DATUM)).upper() if c.isalnum())
-    if datum in _FAR_DATUMS:
-        return NoGps(f"its GPS position is in the datum {datum}, not in WGS 84")
     return _with_precision(lat, lon, tags)
 
 

@@ -14,7 +14,7 @@ from webapp.errors import MapJsonError
 from webapp.files.decode import PHOTO_SUFFIXES
 from webapp.files.json_fields import parse_json
 from webapp.files.photos.exif import number
-from webapp.files.photos.exif_gps import Gps, read_gps
+from webapp.files.photos.exif_gps import Gps, NoGps, agree, read_gps
 from webapp.files.photos.photo import PhotoFacts
 from webapp.files.photos.xmp import MAX_BYTES, locate, parse_xmp
 
@@ -56,9 +56,10 @@ class Sidecars:
         for name in listed:
             if is_sidecar(name):
                 by_folder.setdefault(str(PurePosixPath(name).parent), []).append(name)
+        folders = {folder: _Folder(there) for folder, there in by_folder.items()}
         for photo in photos:
-            there = by_folder.get(str(PurePosixPath(photo).parent), [])
-            found = choose(photo, there)
+            folder = folders.get(str(PurePosixPath(photo).parent))
+            found = [] if folder is None else folder.choose(photo)
             if found:
                 self._of_photo[photo] = found
         self._photo_of = {beside: photo for photo, found in self._of_photo.items() for beside in found}
@@ -74,39 +75,48 @@ class Sidecars:
 
 def choose(photo: str, names: Iterable[str]) -> list[str]:
     """Return those of some files that belong to a photo, in the order in which they count: first `.xmp`."""
-    last = _plain(photo)
-    stem = last.rpartition(".")[0]
-    others = {_plain(name): name for name in names}
-    found = [others[name] for name in (f"{last}.xmp", f"{stem}.xmp") if name in others][:1]
-    jsons = {plain.removesuffix(".json"): name for plain, name in others.items() if plain.endswith(".json")}
-    google = next((name for plain, name in jsons.items() if _is_google_name(plain, last)), None)
-    if google is None and _EDITED.search(stem):
-        original = f"{_EDITED.sub('', stem)}.{last.rpartition('.')[2]}"
-        google = next((name for plain, name in jsons.items() if _is_google_name(plain, original)), None)
-    return [*found, *([google] if google else [])]
+    return _Folder(names).choose(photo)
+
+
+class _Folder:
+    """The files of a folder by their names, so that each photo costs a few look-ups."""
+
+    def __init__(self, names: Iterable[str]) -> None:
+        self._names = {_plain(name): name for name in names}
+        jsons = (plain.removesuffix(".json") for plain in self._names if plain.endswith(".json"))
+        self._jsons = {base: place for place, base in enumerate(jsons)}
+        self._lengths = {len(base) for base in self._jsons}
+
+    def choose(self, photo: str) -> list[str]:
+        last = _plain(photo)
+        stem, _, suffix = last.rpartition(".")
+        found = [self._names[name] for name in (f"{last}.xmp", f"{stem}.xmp") if name in self._names][:1]
+        google = self._google(last)
+        if google is None and _EDITED.search(stem):
+            google = self._google(f"{_EDITED.sub('', stem)}.{suffix}")
+        return [*found, *([google] if google else [])]
+
+    def _google(self, photo: str) -> str | None:
+        """Return the first JSON that is that of a photo in an export of Google Photos.
+
+        For `a.jpg` it is `a.jpg`, `a.jpg.supplemental-metadata`, cut off anywhere, or `a`; the number of
+        `a(1).jpg` is at its end: `a.jpg(1)`, `a.jpg.supplemental-metadata(1)`. Long names are cut off.
+        """
+        stem, _, suffix = photo.rpartition(".")
+        plain_stem, count = _numbered(stem)
+        whole = f"{plain_stem}.{suffix}"
+        longest, least = f"{whole}{_METADATA}", min(len(whole), _CUT_AT)
+        bases = {photo, stem}
+        for length in self._lengths:
+            written = longest[: max(length - len(count), 0)]
+            if len(written) >= least and _numbered(f"{written}{count}") == (written, count):
+                bases.add(f"{written}{count}")
+        found = bases & self._jsons.keys()
+        return self._names[f"{min(found, key=self._jsons.__getitem__)}.json"] if found else None
 
 
 def _plain(name: str) -> str:
     return unicodedata.normalize("NFC", PurePosixPath(name).name).lower()
-
-
-def _is_google_name(base: str, photo: str) -> bool:
-    """Return whether a JSON, without its suffix, is that of a photo in an export of Google Photos.
-
-    For `a.jpg` it is `a.jpg`, `a.jpg.supplemental-metadata`, cut off anywhere, or `a`; the number of
-    `a(1).jpg` is at its end: `a.jpg(1)`, `a.jpg.supplemental-metadata(1)`. Long names are cut off.
-    """
-    stem, _, suffix = photo.rpartition(".")
-    if base in (photo, stem):
-        return True
-    written, of_json = _numbered(base)
-    plain_stem, of_photo = _numbered(stem)
-    if of_json != of_photo:
-        return False
-    whole = f"{plain_stem}.{suffix}"
-    if not f"{whole}{_METADATA}".startswith(written):
-        return False
-    return len(written) >= min(len(whole), _CUT_AT)
 
 
 def _numbered(name: str) -> tuple[str, str]:
@@ -169,9 +179,23 @@ def _with_xmp(facts: PhotoFacts, name: str, data: bytes) -> PhotoFacts:
         return _noted(facts, f"{name} is damaged and was left out")
     there = locate({}, xmp)
     if isinstance(there.gps, Gps):
-        facts = replace(facts, gps=replace(there.gps, source=name))
+        facts = replace(facts, gps=_corrected(facts.gps, replace(there.gps, source=name)))
     pitch = facts.pitch_deg if there.pitch_deg is None else there.pitch_deg
     return replace(facts, heading=there.heading or facts.heading, pitch_deg=pitch)
+
+
+def _corrected(gps: Gps | NoGps, beside: Gps) -> Gps | NoGps:
+    """Return the position beside a photo, or the photo's own, which says more, if that is only repeated."""
+    if isinstance(gps, NoGps):
+        return gps if gps.refuses(beside) else beside
+    if not agree(gps, beside):
+        return beside
+    return replace(
+        gps,
+        accuracy_m=beside.accuracy_m if gps.accuracy_m is None else gps.accuracy_m,
+        dop=beside.dop if gps.dop is None else gps.dop,
+        altitude_m=beside.altitude_m if gps.altitude_m is None else gps.altitude_m,
+    )
 
 
 def _with_google(facts: PhotoFacts, name: str, data: bytes) -> PhotoFacts:
@@ -184,7 +208,7 @@ def _with_google(facts: PhotoFacts, name: str, data: bytes) -> PhotoFacts:
     if not isinstance(facts.gps, Gps):
         for key in ("geoData", "geoDataExif"):
             found = read_gps(_google_tags(content.get(key)))
-            if isinstance(found, Gps):
+            if isinstance(found, Gps) and not facts.gps.refuses(found):
                 facts = replace(facts, gps=replace(found, source=name))
                 break
     taken = content.get("photoTakenTime")

@@ -24,6 +24,9 @@ _WIDE = 2.4
 
 _WHOLE, _TOLERANCE = 2.0, 0.01
 _TILTED_DEG = 2.0
+_PHOTO = ["RDF", "Description"]
+"""Elements around the properties of the photo itself; deeper ones may be of the place that it shows."""
+
 _ANGLE = re.compile(
     r"([+-]?\d{1,3}(?:\.\d{1,20})?)(?:,(\d{1,2}(?:\.\d{1,20})?))?(?:,(\d{1,2}(?:\.\d{1,20})?))?\s*([NSEWnsew]?)"
 )
@@ -82,11 +85,16 @@ def parse_xmp(packet: bytes) -> Xmp:
     from webapp.files.exchange.xml import local_name, walk  # imported lazily: most photos have no XMP
 
     found: dict[str, str] = {}
+    path: list[str] = []
     try:
         for event, element in walk(io.BytesIO(text), whole=()):
-            if event == "start" and local_name(element) == "Description":
-                found.update((str(name), str(value).strip()) for name, value in element.attrib.items())
-            elif event == "end" and element.text and element.text.strip():
+            if event == "start":
+                path.append(local_name(element))
+                if path[-2:] == _PHOTO:
+                    found.update((str(name), str(value).strip()) for name, value in element.attrib.items())
+                continue
+            path.pop()
+            if path[-2:] == _PHOTO and element.text and element.text.strip():
                 found.setdefault(str(element.tag), element.text.strip())
     except TrackError:
         return Xmp(note="its XMP is damaged and was left out")
@@ -115,7 +123,7 @@ def locate(tags: Mapping[int, object], xmp: Xmp) -> PhotoPlace:
     for source, other in (("XMP", in_xmp), ("DJI XMP", of_drone)):
         if isinstance(gps, NoGps):
             found = read_gps(other)
-            if isinstance(found, Gps):
+            if isinstance(found, Gps) and not gps.refuses(found):
                 gps = replace(found, source=source)
             elif gps == ABSENT:
                 gps = found

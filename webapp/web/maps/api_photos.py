@@ -52,6 +52,8 @@ _MOST_FILES = 10_000
 """Allowance for form fields other than files."""
 _MOST_BESIDE = 150_000
 """Characters of a file beside a photo that is sent with an upload."""
+_MOST_BESIDE_BYTES = 20_000_000
+"""Of all files beside the photos of a request, which are in memory together."""
 
 
 class ErrorOut(Schema):
@@ -140,11 +142,7 @@ def add(slug: str, given: dict[str, list[FileStorage]]) -> list[dict[str, Any]]:
             hint=f"send 1 to {most}, or one by one",
         )
     names = [add_photo.tidy_name(file.filename or "") for file in given["file"]]
-    beside = {
-        name: Sidecar(name, file.stream.read(MAX_BYTES + 1))
-        for name, file in zip(names, given["file"], strict=True)
-        if is_sidecar(name)
-    }
+    beside = _read_beside(names, given["file"])
     photo_of = Sidecars(names).photo_of
     return [
         _take_in(record, file, name=name, beside=tuple(beside.values()))
@@ -152,6 +150,28 @@ def add(slug: str, given: dict[str, list[FileStorage]]) -> list[dict[str, Any]]:
         else _beside(name, photo_of(name))
         for name, file in zip(names, given["file"], strict=True)
     ]
+
+
+def _read_beside(names: list[str], files: list[FileStorage]) -> dict[str, Sidecar]:
+    """Read the files beside the photos of a request, by name."""
+    found: dict[str, Sidecar] = {}
+    left = _MOST_BESIDE_BYTES
+    for name, file in zip(names, files, strict=True):
+        if not is_sidecar(name):
+            continue
+        if name in found:
+            hint = "send photos of the same name, with the files beside them, in requests of their own"
+            raise UsageError("two files beside photos have this name", where=name, hint=hint)
+        data = file.stream.read(MAX_BYTES + 1)
+        left -= len(data)
+        if left < 0:
+            raise UsageError(
+                f"the files beside photos have more than {_MOST_BESIDE_BYTES // 10**6} MB in all",
+                where=name,
+                hint="send fewer photos in a request",
+            )
+        found[name] = Sidecar(name, data)
+    return found
 
 
 def _beside(name: str, photo: str | None) -> dict[str, Any]:
