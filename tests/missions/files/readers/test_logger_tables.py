@@ -173,3 +173,12 @@ def test_a_header_in_a_comment_is_found_above_others(tmp_path):
     comments = "# time, lat, lon\n" + "# made by a logger of five words\n" * 100
     (tmp_path / "log.csv").write_text(f"{comments}1,50,14\n")
     assert table_head(tmp_path / "log.csv", None).columns == {"time": 0, "lat": 1, "lon": 2}
+
+
+def test_times_that_begin_late_are_kept(monkeypatch):
+    monkeypatch.setattr(csv_reader, "_SAMPLED", 20)
+    rows = ["time,lat,lon", *[",50,14"] * 18, *(f"{number},50,14" for number in range(1000, 1060))]
+    pieces, findings = read("\n".join(rows))
+    assert [piece.timed for piece in pieces] == [True]
+    assert sum(len(piece.poses) for piece in pieces) == 60
+    assert [(one.reason, one.count) for one in findings.skipped()] == [(NO_TIME, 18)]
