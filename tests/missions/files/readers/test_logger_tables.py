@@ -156,7 +156,7 @@ def test_axes_of_a_table_can_be_given() -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "# " + "a" + "_" * 16_000 + "b\n1;2\n",
+        "# " + "a" + "_" * 60_000 + "b\n1;2\n",
         ("# " + "a,b" * 10_000 + "\n") * 100 + "1;2\n",
         ";".join(["t"] * 5000) + ";lat;lon\n" + (";".join(["1"] * 5000) + ";50;14\n") * 200,
     ],
