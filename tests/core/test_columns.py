@@ -1,11 +1,12 @@
 """Recognising the columns of a table."""
 
 import re
+import time
 from pathlib import Path
 
 import pytest
 
-from webapp.core.columns import POSE_FIELDS, Column, guess_columns, parse_columns
+from webapp.core.columns import POSE_FIELDS, Column, guess_columns, parse_columns, read_header
 from webapp.errors import TrackError, UsageError
 
 HEADER = ["stamp", "Latitude", "Longitude", "yaw", "a:b"]
@@ -71,3 +72,16 @@ def test_the_docs_have_every_field_and_unit() -> None:
     assert message.keys() == POSE_FIELDS.units.keys()
     for field, units in POSE_FIELDS.units.items():
         assert set(filter(None, units)) <= set(message[field]), field
+
+
+@pytest.mark.parametrize(
+    "cell", ["a" + "_" * 30_000 + "b", "x" + "(a)" * 2000, "a" + " /" * 8000, "\ufdfa" * 90]
+)
+def test_long_cells_are_no_headers_and_take_no_time(cell: str) -> None:
+    before = time.process_time()
+    assert [read_header(cell).field for _ in range(20)] == [None] * 20
+    with pytest.raises(TrackError):
+        guess_columns([cell, "b"])
+    with pytest.raises(UsageError):
+        parse_columns("lat=1, lon=2:parsec", [cell, cell])
+    assert time.process_time() - before < 1

@@ -634,6 +634,8 @@ export interface components {
             odometry?: number | null;
             /** @description When each piece begins; the robot was carried in between. */
             pieces?: number[];
+            /** @description Ids of odometry tracks that were not used: their topics are plans. */
+            planned?: number[];
             poses?: number;
             /** @description Of the mission, when it was written. */
             revision?: number;

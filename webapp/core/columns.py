@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from webapp.core.column_words import (
@@ -36,6 +36,11 @@ class ColumnFields:
     names: Mapping[str, Sequence[str]]
     needed: tuple[str, ...]  # Fields that are required in addition to a position
     example: str  # Example of how columns are written
+    by_name: Mapping[str, str] = field(init=False, repr=False)  # The field of each header
+
+    def __post_init__(self) -> None:
+        known = ((word, name) for name, words in reversed(list(self.names.items())) for word in words)
+        object.__setattr__(self, "by_name", dict(known))
 
 
 POSE_FIELDS = ColumnFields(UNITS, NAMES, (), "time=stamp:ms, lat=Latitude, lon=Longitude")
@@ -52,6 +57,10 @@ _AFTER_WORD = re.compile(
     r"m|m2|mm|cm|km|ft|feet|yd|metres|meters|deg|degrees|rad|radians|mrad|e7|e6|px)"
 )
 """A unit after a name; those that are words themselves (`min`, `in`) only count in brackets."""
+
+
+LONGEST_HEADER = 100
+"""Characters; a longer cell is no header, and taking it apart could take quadratic time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +123,7 @@ class Header(NamedTuple):
 
 def read_header(name: str, *, fields: ColumnFields = POSE_FIELDS) -> Header:
     """Recognise a field and a unit: `timestamp_ms`, `Latitude [deg]`, `Höhe (m)`, `t/s` ..."""
-    plain = _plain(name)
+    plain = _header(name)
     words = set(re.findall(r"[a-z]+", plain))
     basis = 1 if words & UTC_WORDS else -1 if words & LOCAL_WORDS else 0
     whole = _recognized(plain, fields)
@@ -202,13 +211,18 @@ def _plain(text: str) -> str:
     return "".join(one for one in parts if not unicodedata.combining(one)).replace("ß", "ss")
 
 
+def _header(cell: str) -> str:
+    """Return a cell as `_plain` does; empty if it is too long for a header."""
+    plain = _plain(cell) if len(cell.strip()) <= LONGEST_HEADER else ""
+    return plain if len(plain) <= LONGEST_HEADER else ""
+
+
 def _words(text: str) -> str:
     return re.sub(r"[\s._\-]+", "_", text.strip()).strip("_")
 
 
 def _recognized(name: str, fields: ColumnFields) -> str | None:
-    word = _words(name)
-    return next((field for field, names in fields.names.items() if word in names), None)
+    return fields.by_name.get(_words(name))
 
 
 def _known_scale(unit: str | None, units: Mapping[str, float]) -> float | None:
@@ -220,7 +234,7 @@ def _known_scale(unit: str | None, units: Mapping[str, float]) -> float | None:
 
 def _stated(name: str, units: Mapping[str, float]) -> str | None:
     """Return the unit that the header of a given column states, if any."""
-    plain = _plain(name)
+    plain = _header(name)
     in_brackets, after = _IN_BRACKETS.fullmatch(plain), _AFTER_WORD.fullmatch(plain)
     if in_brackets is not None and _spelled(in_brackets[2]) and any(units):
         return in_brackets[2].strip()

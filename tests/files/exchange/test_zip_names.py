@@ -1,11 +1,14 @@
 """Names in zips that do not state their encoding."""
 
+import time
 import unicodedata
 import zipfile
 
 import pytest
 
-from webapp.files.exchange.map_zip import unpack
+from webapp.errors import InputError
+from webapp.files.exchange.map_zip import is_quick, unpack
+from webapp.files.exchange.zip_names import names_of
 from webapp.progress import Progress
 from webapp.settings import ImportLimits
 
@@ -92,3 +95,73 @@ def test_a_name_outside_the_folder_is_refused_in_any_encoding(tmp_path):
     write_zip(tmp_path / "map.zip", {"../é.jpg".encode(): b"1"})
     with pytest.raises(Exception, match="cannot have"):
         unpack(tmp_path / "map.zip", tmp_path, limits=ImportLimits(), reserve_mb=0, progress=Progress())
+
+
+def damaged(path, compression, *, count, size, folder="é"):
+    """Write a zip with `.cfg` files whose checksums are wrong, each of which is unpacked to `size` bytes."""
+    with zipfile.ZipFile(path, "w", compression) as archive:
+        for number in range(count):
+            archive.writestr(f"{folder}{number}.cfg", b"\0" * size)
+        checksum = f"{archive.infolist()[0].CRC:08x}"
+    data = path.read_bytes()
+    path.write_bytes(data.replace(bytes.fromhex(checksum)[::-1], b"\1\2\3\4"))
+
+
+@pytest.fixture
+def unpacked_bytes(monkeypatch):
+    """Count the bytes that are unpacked."""
+    counted = []
+    read = zipfile.ZipExtFile.read
+
+    def counting(self, n=-1):
+        try:
+            return read(self, n)
+        finally:
+            counted.append(n)
+
+    monkeypatch.setattr(zipfile.ZipExtFile, "read", counting)
+    return counted
+
+
+@pytest.mark.parametrize("compression", [zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2])
+def test_nothing_is_unpacked_before_sizes_are_checked(tmp_path, unpacked_bytes, compression):
+    damaged(tmp_path / "map.zip", compression, count=20, size=10_000_000)
+    assert not is_quick(tmp_path / "map.zip", limits=ImportLimits())
+    with pytest.raises(InputError, match="times as large"):
+        unpack(tmp_path / "map.zip", tmp_path, limits=ImportLimits(), reserve_mb=0, progress=Progress())
+    assert unpacked_bytes == []
+
+
+@pytest.mark.parametrize(("compression", "most"), [(zipfile.ZIP_DEFLATED, 60), (zipfile.ZIP_BZIP2, 30)])
+def test_damaged_files_count_for_the_bytes_that_are_read_for_names(
+    tmp_path, unpacked_bytes, compression, most
+):
+    damaged(tmp_path / "map.zip", compression, count=100, size=50_000)
+    with zipfile.ZipFile(tmp_path / "map.zip") as opened:
+        infos = opened.infolist()
+        assert names_of(opened, infos, cfgs=infos) == [f"é{number}.cfg" for number in range(100)]
+    assert len(unpacked_bytes) == most
+
+
+def test_a_corrupt_cfg_does_not_keep_names_from_being_read(tmp_path):
+    with zipfile.ZipFile(tmp_path / "map.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("map.cfg", cfg(*NAMES) * 20)
+        archive.writestr("é.jpg", b"1")
+        begin = archive.infolist()[0].header_offset + 30 + len("map.cfg")
+    data = bytearray((tmp_path / "map.zip").read_bytes())
+    data[begin : begin + 8] = b"\xff" * 8
+    (tmp_path / "map.zip").write_bytes(data)
+    with zipfile.ZipFile(tmp_path / "map.zip") as opened:
+        infos = opened.infolist()
+        assert names_of(opened, infos, cfgs=infos[:1]) == ["map.cfg", "é.jpg"]
+
+
+def test_many_folders_with_a_cfg_take_little_time(tmp_path):
+    with zipfile.ZipFile(tmp_path / "map.zip", "w") as archive:
+        for number in range(15_000):
+            archive.writestr(f"é{number}/map.cfg", b"")
+    with zipfile.ZipFile(tmp_path / "map.zip") as opened:
+        infos = opened.infolist()
+        before = time.process_time()
+        assert len(names_of(opened, infos, cfgs=infos)) == 15_000
+        assert time.process_time() - before < 2

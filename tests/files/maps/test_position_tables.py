@@ -1,5 +1,7 @@
 """Tables of photos and positions as other programs and spreadsheets write them."""
 
+import time
+
 import numpy as np
 import pytest
 from pyproj import Transformer
@@ -7,6 +9,7 @@ from pyproj import Transformer
 from webapp.core.geo.types import LatLon
 from webapp.errors import TableError
 from webapp.files.maps.control_point_table import read_rows
+from webapp.files.maps.position_tables import read_table
 from webapp.files.maps.positions import read_positions
 from webapp.files.satellite.georeference_files import read_control_points
 
@@ -172,3 +175,11 @@ def test_gcp_list_of_odm_is_a_table_of_control_points(tmp_path):
     path.write_text("EPSG:32633\n1 2 3\n")
     with pytest.raises(TableError, match="too few"):
         read_rows(path)
+
+
+def test_many_comments_take_little_time():
+    text = "#\n" * 150_000 + "# CoordinateSystem: EPSG:4326\nname;x;y\na.jpg;14.4;50.1"
+    before = time.process_time()
+    (found,) = read_table(text.encode(), None, where="list.txt", formats="a table")
+    assert (found.name, found.position) == ("a.jpg", A)
+    assert time.process_time() - before < 4

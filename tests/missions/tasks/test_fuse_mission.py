@@ -68,6 +68,34 @@ def test_a_plan_is_not_what_was_driven(library, driven):
     assert run(library, mission_id)["odometry"] == driven_id
 
 
+NO_PLANS = (
+    "bag /robot/goal_tracker/odom",
+    "/plan_a/odom",
+    "bag /goals/odometry_filtered map",
+    "/plan_a/pose",
+)
+
+
+@pytest.mark.parametrize("name", NO_PLANS)
+def test_odometry_in_a_space_named_like_a_plan_is_what_was_driven(library, driven, name):
+    mission_id, _ = driven
+    with library.database.write() as session:
+        track = next(t for t in tracks.list_tracks(session, mission_id) if t.source == "odometry")
+        track.name, id = name, track.id
+    report = run(library, mission_id)
+    assert (report["odometry"], report["planned"]) == (id, [])
+
+
+@pytest.mark.parametrize("name", ["bag /plan", "bag /goal_pose map", "/plan_a/plan"])
+def test_a_plan_alone_is_not_what_was_driven(library, driven, name):
+    mission_id, _ = driven
+    with library.database.write() as session:
+        track = next(t for t in tracks.list_tracks(session, mission_id) if t.source == "odometry")
+        track.name, id = name, track.id
+    report = run(library, mission_id)
+    assert (report["odometry"], report["planned"]) == (None, [id])
+
+
 def test_what_was_left_out_is_reported_and_kept(library, driven):
     mission_id, drive = driven
     report = run(library, mission_id)

@@ -270,3 +270,29 @@ def test_a_file_that_an_older_version_divided_otherwise_is_imported_once(library
     again = imported(library, mission, order)
     assert not again.new
     assert content(library, mission) == before
+
+
+def test_of_a_file_that_was_divided_otherwise_a_missing_part_is_not_hidden(
+    library, mission, log, monkeypatch, small_parts
+):
+    whole = log.read_text()
+    log.write_text("\n".join(line.replace(",a,", ",,").replace(",b,", ",,") for line in whole.splitlines()))
+    order = order_for(log)
+    key = import_file._key(order, Progress())
+    monkeypatch.setattr(import_file, "_key", lambda _order, _progress: key)
+    store, stored = import_file._store, []
+
+    def killed_after_the_first(*args, **how):
+        if stored:
+            raise Killed
+        stored.append(store(*args, **how))
+
+    with monkeypatch.context() as patch, pytest.raises(Killed):
+        patch.setattr(import_file, "_store", killed_after_the_first)
+        imported(library, mission, order)
+    before = content(library, mission)
+    log.write_text(whole)  # stands for the same file, which is now read as two tracks
+    with pytest.raises(TrackError, match="only a part of the file") as error:
+        imported(library, mission, order)
+    assert (error.value.where, error.value.hint) == ("log.csv", "import it into a new mission")
+    assert content(library, mission) == before

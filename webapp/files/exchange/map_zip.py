@@ -115,8 +115,10 @@ def is_quick(archive: Path, *, limits: ImportLimits) -> bool:
         return False
     try:
         with zipfile.ZipFile(archive) as opened:
+            if not _is_small(_stated(opened.infolist())):  # before any file is unpacked
+                return False
             files, _ = _checked(opened, limits)
-            return _is_small(files) and _has_few_pixels(opened, files)
+            return _has_few_pixels(opened, files)
     except (*_BROKEN, InputError, OSError):
         return True  # the import refuses it at once
 
@@ -189,8 +191,13 @@ def _checked(opened: zipfile.ZipFile, limits: ImportLimits) -> tuple[list[_File]
             f"the zip has {len(infos)} files, more than the limit of {limits.max_files}",
             hint="leave out what is not part of the map",
         )
+    stated = _stated(infos)
+    for file in stated:
+        _check_size(file.info, file.name, limits)
+    _check_total(stated, limits)
+    cfgs = [file.info for file in stated if file.name.lower().endswith(".cfg")]
     files, left_out, seen = [], [], dict[str, str]()
-    for info, written in zip(infos, names_of(opened, infos), strict=True):
+    for info, written in zip(infos, names_of(opened, infos, cfgs=cfgs), strict=True):
         name = _safe_name(info, written)
         if _is_folder(info):
             continue
@@ -205,7 +212,6 @@ def _checked(opened: zipfile.ZipFile, limits: ImportLimits) -> tuple[list[_File]
                 hint="rename one of them",
             )
         seen[same] = name
-        _check_size(info, name, limits)
         files.append(_File(info, name))
     for name in seen.values():
         above = (folded(str(p)) for p in PurePosixPath(name).parents)
@@ -214,8 +220,13 @@ def _checked(opened: zipfile.ZipFile, limits: ImportLimits) -> tuple[list[_File]
                 f"{quoted(name)} in the zip is inside a file instead of a folder",
                 hint="zip the map's folder again",
             )
-    _check_total(files, limits)
     return files, left_out
+
+
+def _stated(infos: Sequence[zipfile.ZipInfo]) -> list[_File]:
+    """Select the files to unpack by the names as they are stored, of which only the encoding is unknown."""
+    names = [(info, info.filename.replace("\\", "/").removeprefix("./")) for info in infos]
+    return [_File(info, name) for info, name in names if not _is_folder(info) and _wanted(name)]
 
 
 def _check_total(files: Sequence[_File], limits: ImportLimits) -> None:

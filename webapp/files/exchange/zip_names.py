@@ -6,8 +6,10 @@ the machine, and readers take all of these for CP437.
 
 from __future__ import annotations
 
+import lzma
 import unicodedata
 import zipfile
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 
@@ -17,25 +19,40 @@ _UTF8_FLAG = 0x800
 _CODE_PAGES = ("cp437", "cp1252", "cp850", "cp1250", "cp852")
 """The first is that of the specification; the others are those of Windows in Western and Central Europe."""
 
-_MOST_BYTES = 10_000_000
-"""Of the `.cfg` files that are read for the names in them."""
+_MOST_BYTES = 3_000_000
+"""Of the `.cfg` files that are read for names: some 60 bytes for each file that a zip may have."""
 
-_UNREADABLE = (zipfile.BadZipFile, EOFError, RuntimeError, ValueError, OSError)
-"""Exceptions of damaged and encrypted files, including zlib's, of which the import says more."""
+_UNUSUAL_BYTES = 100_000
+"""What a `.cfg` counts at least for if it is not deflated: `zipfile` unpacks more of it than is asked for."""
+
+_USUAL = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_SLASH = ord("/")
+_LONGEST_FOLDER = 4096
+"""Bytes of a folder's name, as of a path on most systems."""
+
+_UNREADABLE = (
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError, ValueError, OSError,
+)  # fmt: skip
+"""Exceptions of damaged and encrypted files, of which the import says more."""
 
 
-def names_of(opened: zipfile.ZipFile, infos: Sequence[zipfile.ZipInfo]) -> list[str]:
+def names_of(
+    opened: zipfile.ZipFile, infos: Sequence[zipfile.ZipInfo], *, cfgs: Sequence[zipfile.ZipInfo]
+) -> list[str]:
     """Return the names of files in a zip, in their order.
 
     A name whose encoding is not stated is UTF-8 if it is valid as such, or else in one code page for the
     whole zip: what the `.cfg` files in it name decides. A name in another Unicode form than there, such as
     the decomposed one of macOS, gets that of the `.cfg`.
+
+    Args:
+        cfgs: The `.cfg` files of the map, whose sizes were checked.
     """
     names = [info.filename for info in infos]
     if all(name.isascii() for name in names):
         return names
     unknown = {number: raw for number, info in enumerate(infos) if (raw := _raw(info)) is not None}
-    named = _Named(opened, infos)
+    named = _Named(opened, cfgs)
     pages = sorted(_CODE_PAGES, key=lambda page: -sum(named.has(raw, page) for raw in unknown.values()))
     for number, raw in unknown.items():
         pages_of_name = ["utf-8", pages[0]] if _decoded(raw, "utf-8") is not None else [pages[0]]
@@ -66,18 +83,19 @@ def _decoded(raw: bytes, encoding: str) -> str | None:
 class _Named:
     """What the `.cfg` files in a zip name, relative to their folders."""
 
-    def __init__(self, opened: zipfile.ZipFile, infos: Sequence[zipfile.ZipInfo]) -> None:
+    def __init__(self, opened: zipfile.ZipFile, cfgs: Sequence[zipfile.ZipInfo]) -> None:
         found: dict[bytes, dict[str, str]] = {}
         left = _MOST_BYTES
-        for info in infos:
-            if not info.filename.lower().endswith(".cfg") or left <= 0:
-                continue
+        for info in cfgs:
+            if left <= 0:
+                break
             raw = _raw(info)
             folder = (info.filename.encode() if raw is None else raw).rpartition(b"/")[0]
-            data = b""
+            data, most = b"", left
+            # also of a file that is damaged, which is only known when it is unpacked
+            left -= info.file_size if info.compress_type in _USUAL else max(info.file_size, _UNUSUAL_BYTES)
             with suppress(*_UNREADABLE), opened.open(info) as file:
-                data = file.read(left)
-            left -= len(data)
+                data = file.read(most)
             found.setdefault(folder, {}).update((folded(name), name) for name in _names_in(data))
         self._names: Mapping[bytes, Mapping[str, str]] = found
 
@@ -96,11 +114,12 @@ class _Named:
 
     def _inside(self, raw: bytes, encoding: str) -> Iterator[tuple[str, Mapping[str, str]]]:
         """Yield the name relative to each folder with a `.cfg` that it is in, and what this names."""
-        for folder, names in self._names.items():
-            if not folder or raw.startswith(folder + b"/"):
-                inside = _decoded(raw[len(folder) + 1 :] if folder else raw, encoding)
-                if inside is not None:
-                    yield inside, names
+        ends = [at for at, byte in enumerate(raw[: _LONGEST_FOLDER + 1]) if byte == _SLASH]
+        for end in (-1, *ends):
+            names = self._names.get(raw[: max(end, 0)])
+            inside = None if names is None else _decoded(raw[end + 1 :], encoding)
+            if names is not None and inside is not None:
+                yield inside, names
 
 
 def _composed(name: str) -> str:

@@ -16,7 +16,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
-from webapp.core.columns import PHOTO_FIELDS, Column, ColumnFields, Columns, guess_columns, parse_columns
+from webapp.core.columns import (
+    LONGEST_HEADER,
+    PHOTO_FIELDS,
+    Column,
+    ColumnFields,
+    Columns,
+    guess_columns,
+    parse_columns,
+)
 from webapp.core.geo.crs import crs_name, latlon_from_plane
 from webapp.core.geo.fit import check_positions
 from webapp.core.geo.types import LatLon, MapPixel
@@ -160,15 +168,13 @@ def _preamble(lines: Lines) -> tuple[str | None, Lines]:
     plane = odm_plane(line, place)
     if plane is not None:
         return plane, lines[1:]
-    while lines:
-        place, line = lines[0]
+    for number, (place, line) in enumerate(lines):
         stated = _STATED.fullmatch(line.strip())
         if stated is not None:
             plane = _plane(stated[1].strip(), place)
         elif not line.lstrip().startswith("#") or _header_words(line) >= 2:
-            break
-        lines = lines[1:]
-    return plane, lines
+            return plane, lines[number:]
+    return plane, ()
 
 
 def odm_plane(line: str, where: str) -> str | None:
@@ -179,10 +185,9 @@ def odm_plane(line: str, where: str) -> str | None:
 def _header_words(line: str) -> int:
     """Count the cells of a line that are known headers."""
     delimiter = delimiter_of(line.lstrip("# ")) or ";"
-    cells = split_row(line, delimiter)
-    words = {word for names in FIELDS.names.values() for word in names}
+    cells = [cell for cell in split_row(line, delimiter) if cell]
     plain = [re.sub(r"[\s.\-]+", "_", _plain(cell).lstrip("#% ").strip()) for cell in cells]
-    return sum(cell in words for cell in plain)
+    return sum(cell in FIELDS.by_name for cell in plain)
 
 
 def _plane(text: str, where: str) -> str:
@@ -240,7 +245,9 @@ def _is_of_ground_points(header: Sequence[str]) -> bool:
 
 
 def _plain(cell: str) -> str:
-    """Return a header in lower case, without accents, with units as columns have them."""
+    """Return a header in lower case, without accents, with units as columns have them; others unchanged."""
+    if len(cell.strip()) > LONGEST_HEADER:
+        return cell
     parts = unicodedata.normalize("NFKD", cell.strip().lower().replace("ß", "ss"))
     text = "".join(c for c in parts if not unicodedata.combining(c))
     for pattern, unit in _IN_BRACKETS:

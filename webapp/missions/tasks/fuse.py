@@ -18,7 +18,7 @@ from webapp.core.geometry.robust import GATE_2D
 from webapp.errors import NotFound, UsageError
 from webapp.files.atomic import write_text
 from webapp.missions.core.trajectory.fusion import MOST_POSES, Fusion, NoFusion, fuse
-from webapp.missions.core.trajectory.planned import is_planned_track
+from webapp.missions.core.trajectory.planned import driven_tracks
 from webapp.missions.core.trajectory.records import Poses, Source, join
 from webapp.missions.core.trajectory.smoother import mean_distance_bounds
 from webapp.missions.store import missions, tracks
@@ -81,7 +81,9 @@ def fuse_mission(library: Library, mission_id: int, *, write: Write, progress: P
     with library.database.read() as session:
         session.get_one(Mission, mission_id)
         found = [track for track in tracks.list_tracks(session, mission_id) if track.timed]
-        driven = [t for t in found if t.source == "odometry" and not is_planned_track(t.name)]
+        moved = [track for track in found if track.source == "odometry"]
+        names = driven_tracks(track.name for track in moved)
+        driven = [track for track in moved if track.name in names]
         reckoned = max(driven, key=lambda t: t.distance_m, default=None)
         odometry = None if reckoned is None else _read(session, reckoned)[0]
         fixed = {source: f for source in _FIXES if (f := _fixes(session, found, source)) is not None}
@@ -96,6 +98,7 @@ def fuse_mission(library: Library, mission_id: int, *, write: Write, progress: P
     gated = [one for source, fixes in fixed.items() for one in _gated(fusion, source, fixes)]
     report = _report(fusion, fixed, odometry=reckoned)
     report |= {"gated": sorted(gated, key=lambda one: one["time_s"])[:MOST_TOLD]}
+    report |= {"planned": [track.id for track in moved if track not in driven]}
     while not _kept(library, mission_id, write=write, poses=fusion.poses, gated=gated, report=report):
         with FileLock(library.inner / LOCK):
             pass  # wait outside the write transaction, so as not to block other writers

@@ -124,6 +124,7 @@ def import_track_file(
             mission.start = {**given.position._asdict(), "heading_deg": given.heading_deg}
         stored = _stored(session, mission_id, key)
         if ids.keys() != survey.tracks.keys():  # an older version imported it, and divided it otherwise
+            _check_complete(session, ids, survey, name=order.name)
             stored = max(stored, survey.parts)
     progress.size(survey.records)
     progress.note("storing")
@@ -227,6 +228,17 @@ def _stored(session: Session, mission_id: int, key: str) -> int:
     """Return the number of parts stored, also by a concurrent import of the same file."""
     sender = session.get(MissionSender, (mission_id, key))
     return 0 if sender is None else sender.next_seq
+
+
+def _check_complete(session: Session, ids: dict[Key, int], survey: _Survey, *, name: str) -> None:
+    """Check that tracks that are divided otherwise have all poses of the file. Raises TrackError."""
+    found = [track for id in ids.values() if (track := session.get(Track, id)) is not None]
+    if sum(track.poses + track.skipped + track.removed for track in found) < survey.records - survey.objects:
+        raise TrackError(
+            "only a part of the file was imported, by a version that divided it into other tracks",
+            where=name,
+            hint="import it into a new mission",
+        )
 
 
 def _store(session: Session, mission: Mission, *, parts: list[Part], ids: dict[Key, int]) -> None:

@@ -126,6 +126,10 @@ class FusionOut(Schema):
         Float(), metadata={"description": "When each piece begins; the robot was carried in between."}
     )
     fixes = List(Nested(StatisticsOfFixesOut))
+    planned = List(
+        Integer(),
+        metadata={"description": "Ids of odometry tracks that were not used: their topics are plans."},
+    )
     gated = List(Dict(), metadata={"description": "The fixes that were left out, each with its `reason`."})
 
 

@@ -13,6 +13,7 @@ from webapp.core.mapmodel.checks import MAX_NUMBER
 from webapp.errors import NotFound
 from webapp.missions.core.trajectory.drift import LoopClosure, measure_closure
 from webapp.missions.core.trajectory.records import Poses
+from webapp.missions.core.trajectory.spans import Spans
 from webapp.missions.store import missions, tracks
 from webapp.missions.store.missions import Entry
 from webapp.missions.store.schema import Mission, MissionObject, MissionPhoto, ObjectSighting, Track
@@ -131,16 +132,16 @@ def read_cursor(text: str) -> tuple[int, dict[int, int]] | None:
 def _way(found: list[Track]) -> dict[str, float]:
     """Return the length and duration of a mission: those of all tracks from the source of its best one.
 
-    Other sources have recorded the same way. Times of tracks that overlap count once.
+    Other sources have recorded the same way. Of tracks that overlap in time, such as those of two receivers,
+    the longer one counts, and of the other the share of its time that lies outside.
     """
     best = tracks.best(found)
     same = [] if best is None else [track for track in found if track.source == best.source]
-    spans = sorted((track.first_time_s or 0.0, track.last_time_s or 0.0) for track in same if track.timed)
-    duration_s, until = 0.0, float("-inf")
-    for first, last in spans:
-        duration_s += max(0.0, last - max(first, until))
-        until = max(until, last)
-    return {"distance_m": sum(track.distance_m for track in same), "duration_s": duration_s}
+    distance_m, covered = 0.0, Spans()
+    for track in sorted(same, key=lambda one: one.distance_m, reverse=True):
+        share = covered.add(track.first_time_s or 0.0, track.last_time_s or 0.0) if track.timed else 1.0
+        distance_m += share * track.distance_m
+    return {"distance_m": distance_m, "duration_s": covered.length}
 
 
 def _duration_s(track: Track) -> float:

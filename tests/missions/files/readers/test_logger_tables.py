@@ -2,6 +2,7 @@
 
 import io
 import math
+import time
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from webapp.errors import UsageError
 from webapp.files.exchange.times import unix_time
 from webapp.missions.files.readers import csv_reader
+from webapp.missions.files.readers.csv_table import table_head
 from webapp.missions.files.track_chunks import (
     BAD_COVARIANCE,
     FEW_TIMES,
@@ -149,3 +151,34 @@ def test_axes_of_a_table_can_be_given() -> None:
     assert piece.poses.xyz_m.tolist() == [[3.0, -10.0, -2.0]]
     (piece,), _ = read("time,x,y,z\n1,10,2,3\n", axes="ned")
     assert np.allclose(piece.poses.xyz_m, [[10.0, -2.0, -3.0]])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# " + "a" + "_" * 60_000 + "b\n1;2\n",
+        ("# " + "a,b" * 10_000 + "\n") * 100 + "1;2\n",
+        ";".join(["t"] * 5000) + ";lat;lon\n" + (";".join(["1"] * 5000) + ";50;14\n") * 200,
+    ],
+    ids=["long comment", "many comments", "many times"],
+)
+def test_the_head_of_a_strange_table_takes_little_time(tmp_path, text):
+    (tmp_path / "log.csv").write_text(text)
+    before = time.process_time()
+    table_head(tmp_path / "log.csv", None)
+    assert time.process_time() - before < 1.5
+
+
+def test_a_header_in_a_comment_is_found_above_others(tmp_path):
+    comments = "# time, lat, lon\n" + "# made by a logger of five words\n" * 100
+    (tmp_path / "log.csv").write_text(f"{comments}1,50,14\n")
+    assert table_head(tmp_path / "log.csv", None).columns == {"time": 0, "lat": 1, "lon": 2}
+
+
+def test_times_that_begin_late_are_kept(monkeypatch):
+    monkeypatch.setattr(csv_reader, "_SAMPLED", 20)
+    rows = ["time,lat,lon", *[",50,14"] * 18, *(f"{number},50,14" for number in range(1000, 1060))]
+    pieces, findings = read("\n".join(rows))
+    assert [piece.timed for piece in pieces] == [True]
+    assert sum(len(piece.poses) for piece in pieces) == 60
+    assert [(one.reason, one.count) for one in findings.skipped()] == [(NO_TIME, 18)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 
 _ANYWHERE = {"plan", "plans", "planned", "goal", "goals", "setpoint", "setpoints"}
 _AT_THE_END = {
@@ -16,6 +17,7 @@ _AT_THE_END = {
     "cmd",
     "clicked",
 }
+_ODOMETRY = {"odom", "odometry"}
 
 
 def is_planned(topic: str) -> bool:
@@ -24,7 +26,25 @@ def is_planned(topic: str) -> bool:
     return bool(name & (_ANYWHERE | _AT_THE_END)) or any(space & _ANYWHERE for space in spaces)
 
 
-def is_planned_track(name: str) -> bool:
-    """Tell by the name of an imported track, which has that of its file and of its topic."""
+def driven_tracks(names: Iterable[str]) -> set[str]:
+    """Choose the odometry that was driven, by the names of tracks.
+
+    The type of the messages is not known any more, as it is while a file is read: odometry such as
+    `/goal_tracker/odom` counts as driven, and where there is no other, so does `/plan_a/pose`.
+    """
+    topics = {name: _topic_of(name) for name in names}
+    likely = {name for name, topic in topics.items() if not is_planned(topic) or _is_odometry(topic)}
+    return likely or {name for name, topic in topics.items() if not is_planned(topic.rpartition("/")[2])}
+
+
+def _topic_of(name: str) -> str:
+    """Return the topic of an imported track, whose name has that of its file before it; empty without one."""
     _, slash, topic = name.partition(" /")
-    return is_planned(f"/{topic.partition(' ')[0]}") if slash else name.startswith("/") and is_planned(name)
+    if slash:
+        return f"/{topic.partition(' ')[0]}"
+    return name if name.startswith("/") else ""
+
+
+def _is_odometry(topic: str) -> bool:
+    name = topic.rpartition("/")[2]
+    return bool(set(re.findall(r"[a-z]+", name.lower())) & _ODOMETRY) and not is_planned(name)

@@ -110,7 +110,9 @@ def _survey(
             timed[known.key(fields)] += 1
         if wants_axes and number < _SAMPLED:
             places.append([known.number(fields, name) for name in ("x", "y", "z", *_QUATERNION)])
-        if number >= _SAMPLED and not whole and (timed or not has_time):
+        if number < _SAMPLED or whole:
+            continue
+        if not has_time or is_mostly_timed(timed.total(), counts.total()):
             break
     if has_time and not timed:
         name = time_name(table)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
@@ -15,7 +16,7 @@ from webapp.core.columns import POSE_FIELDS, Columns, guess_columns, parse_colum
 from webapp.errors import TrackError, UsageError
 from webapp.files.exchange.cells import angle, day_order, moment, quantity, split_datetime
 from webapp.files.exchange.times import unix_time
-from webapp.files.text_file import cell_text, delimiter_of, numbered_lines, split_row
+from webapp.files.text_file import MAX_LINE, cell_text, delimiter_of, numbered_lines, split_row
 from webapp.missions.core.trajectory.records import SOURCES, Source
 from webapp.missions.files.readers.number_marks import NumberMarks, find_marks
 from webapp.missions.files.readers.table_times import choose_times, plain_moment
@@ -34,6 +35,9 @@ _NANO = 1e-9
 _SHOWN = 5
 _TRIED = 200
 """Number of rows by which the column of the times is chosen."""
+
+_MOST_IN_COMMENTS = MAX_LINE
+"""Characters of the last comments before the rows in which the header is looked for."""
 
 Key = tuple[Source, str]
 
@@ -128,7 +132,8 @@ def open_table(file: BinaryIO, columns: str | None) -> Table:
         TrackError: The table is empty, or its columns are not recognized.
         UsageError: `columns` does not fit the table.
     """
-    remarks: list[str] = []
+    remarks: deque[str] = deque()
+    characters = 0
     given = ""
     first: tuple[int, str] | None = None
     for number, line in numbered_lines(file):
@@ -136,7 +141,10 @@ def open_table(file: BinaryIO, columns: str | None) -> Table:
         if separator is not None and not given:  # Excel's own line
             given = separator[1]
         elif line.lstrip().startswith("#"):
-            remarks.append(line.strip().lstrip("#").strip())
+            remarks.appendleft(line.strip().lstrip("#").strip())
+            characters += len(remarks[0]) + 1
+            while characters > _MOST_IN_COMMENTS:
+                characters -= len(remarks.pop()) + 1
         elif line.strip():
             first = (number, line)
             break
@@ -152,14 +160,14 @@ def open_table(file: BinaryIO, columns: str | None) -> Table:
     return replace(table, columns=chosen, remarks=(*table.remarks, *said))
 
 
-def _open(line: str, remarks: list[str], columns: str | None, *, number: int, delimiter: str) -> Table:
+def _open(line: str, remarks: Iterable[str], columns: str | None, *, number: int, delimiter: str) -> Table:
     header = split_row(line, delimiter)
     if columns:
         return _with_columns(columns, header, remarks, number=number, delimiter=delimiter)
     try:
         return _guessed(header, number, delimiter)
     except TrackError:
-        for remark in reversed(remarks):
+        for remark in remarks:
             named = split_row(remark.rpartition(": ")[2], delimiter_of(remark) or ",")
             try:
                 return _guessed(named, number - 1, delimiter)
@@ -186,11 +194,11 @@ def with_marks(file: BinaryIO, table: Table) -> Table:
 
 
 def _with_columns(
-    columns: str, header: list[str], remarks: list[str], *, number: int, delimiter: str
+    columns: str, header: list[str], remarks: Iterable[str], *, number: int, delimiter: str
 ) -> Table:
     """Apply a given column specification; the first line may be a header or a row."""
     table = Table({}, delimiter, number)
-    for remark in reversed(remarks):
+    for remark in remarks:
         named = split_row(remark.rpartition(": ")[2], delimiter_of(remark) or ",")
         if len(named) == len(header):
             try:

@@ -17,6 +17,8 @@ from webapp.missions.files.readers.time_units import ticks
 _ABSOLUTE_S = 1e8
 """1973: smaller numbers count from another moment, such as the start of the recording."""
 
+_MOST_CANDIDATES = 20
+"""Number of columns for times that are compared."""
 
 _EXIF_DATE = re.compile(r"(\d{4}):(\d\d):(\d\d)(?=[ T]|$)")
 
@@ -57,7 +59,7 @@ def choose_times(
     dates = candidates(header, "date")
     times = [
         _Candidate(column, basis, _holds(column, rows, has_date=bool(dates)))
-        for column, basis in candidates(header, "time")
+        for column, basis in candidates(header, "time")[:_MOST_CANDIDATES]
     ]
     if not times:
         return columns, []
