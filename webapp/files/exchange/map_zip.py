@@ -130,8 +130,7 @@ def _is_small(files: Sequence[_File]) -> bool:
         size[suffix] = size.get(suffix, 0) + file.info.file_size
     total = sum(size.values())
     is_short = size[".cfg"] <= _QUICK_CFG_BYTES and size[".json"] <= _QUICK_JSON_BYTES
-    is_usual = all(file.info.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for file in files)
-    return len(files) <= _QUICK_FILES and is_short and is_usual and total <= _QUICK_BYTES
+    return len(files) <= _QUICK_FILES and is_short and total <= _QUICK_BYTES
 
 
 def _has_few_pixels(opened: zipfile.ZipFile, files: Sequence[_File]) -> bool:
@@ -281,6 +280,12 @@ def _wanted(name: str) -> bool:
 
 
 def _check_size(info: zipfile.ZipInfo, name: str, limits: ImportLimits) -> None:
+    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        # Python unpacks the others without a limit: a few kilobytes become gigabytes in memory
+        raise InputError(
+            f"{quoted(name)} in the zip is compressed by an unusual method",
+            hint="make the zip again with the usual method, Deflate",
+        )
     if info.file_size > _SMALL and info.file_size > limits.max_ratio * max(info.compress_size, 1):
         raise InputError(
             f"{quoted(name)} would become {info.file_size / max(info.compress_size, 1):.0f} times as large "

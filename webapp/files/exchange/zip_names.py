@@ -6,7 +6,6 @@ the machine, and readers take all of these for CP437.
 
 from __future__ import annotations
 
-import lzma
 import unicodedata
 import zipfile
 import zlib
@@ -22,16 +21,12 @@ _CODE_PAGES = ("cp437", "cp1252", "cp850", "cp1250", "cp852")
 _MOST_BYTES = 3_000_000
 """Of the `.cfg` files that are read for names: some 60 bytes for each file that a zip may have."""
 
-_UNUSUAL_BYTES = 100_000
-"""What a `.cfg` counts at least for if it is not deflated: `zipfile` unpacks more of it than is asked for."""
-
-_USUAL = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _SLASH = ord("/")
 _LONGEST_FOLDER = 4096
 """Bytes of a folder's name, as of a path on most systems."""
 
 _UNREADABLE = (
-    zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError, ValueError, OSError,
+    zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, ValueError, OSError,
 )  # fmt: skip
 """Exceptions of damaged and encrypted files, of which the import says more."""
 
@@ -92,8 +87,7 @@ class _Named:
             raw = _raw(info)
             folder = (info.filename.encode() if raw is None else raw).rpartition(b"/")[0]
             data, most = b"", left
-            # also of a file that is damaged, which is only known when it is unpacked
-            left -= info.file_size if info.compress_type in _USUAL else max(info.file_size, _UNUSUAL_BYTES)
+            left -= info.file_size  # also of a file that is damaged, which is only known when it is unpacked
             with suppress(*_UNREADABLE), opened.open(info) as file:
                 data = file.read(most)
             found.setdefault(folder, {}).update((folded(name), name) for name in _names_in(data))
