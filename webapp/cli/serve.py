@@ -94,7 +94,7 @@ def worker(
     """Run the background jobs of a library until Ctrl-C.
 
     `expmap serve` starts one itself. Further workers share the work, on this machine or on others that can
-    access the same library. Each has a second process beside it for short jobs, which so never wait behind
+    access the same library. Each starts a second process for short jobs, which so never wait behind
     long ones.
     """
     if parent is not None:

@@ -151,7 +151,7 @@ export class Localizer extends EventTarget {
     this._offerMore(answer);
   }
 
-  /** Tell the owner of the library, whose page has the line, that models are missing which would help. */
+  /** Show the line about missing models, which only the page of the library's owner has. */
   _adviseOwner(answer) {
     const advice = document.getElementById("second-look-missing");
     if (advice) advice.hidden = !answer || isSure(answer);

@@ -82,7 +82,7 @@ def read_rows(path: Path) -> list[PointRow]:
 def _odm_rows(lines: Sequence[tuple[str, str]], plane: str) -> list[PointRow]:
     """Read ODM's list: x, y, z, pixel x, pixel y, photo and optionally the point's name.
 
-    Points without a name are told apart by their coordinates.
+    Points without a name are distinguished by their coordinates.
     """
     cells = [(where, line.split()) for where, line in lines if not line.lstrip().startswith("#")]
     for where, row in cells:

@@ -150,7 +150,7 @@ def read_table(data: bytes, columns: str | None, *, where: str, formats: str) ->
 
 
 def _utf8(data: bytes) -> bytes:
-    """Return a table as UTF-8; spreadsheets write UTF-16 or a code page, which is told by the header."""
+    """Return a table as UTF-8; spreadsheets write UTF-16 or a code page, detected by the header."""
     try:
         if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
             return data.decode("utf-16").encode()

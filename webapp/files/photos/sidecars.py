@@ -152,7 +152,7 @@ def _content(path: Path) -> bytes | None:
 
 
 def with_sidecars(facts: PhotoFacts, found: Iterable[Sidecar]) -> PhotoFacts:
-    """Complete the facts of a photo by the files beside it.
+    """Complete the facts of a photo from its sidecar files.
 
     The position of an `.xmp` counts more than that in the photo, as people correct it there; that of Google's
     JSON counts only without another one.

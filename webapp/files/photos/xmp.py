@@ -1,4 +1,4 @@
-"""The XMP of a photo or of a file beside it: position, heading, and what drones of DJI write."""
+"""The XMP of a photo or of its sidecar file: position, heading, and what drones of DJI write."""
 
 from __future__ import annotations
 

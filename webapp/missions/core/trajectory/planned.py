@@ -21,7 +21,7 @@ _ODOMETRY = {"odom", "odometry"}
 
 
 def is_planned(topic: str) -> bool:
-    """Tell by a topic's name: `/plan`, `/move_base_simple/goal`, `/goal_pose`, `/initialpose` ..."""
+    """Detect by a topic's name: `/plan`, `/move_base_simple/goal`, `/goal_pose`, `/initialpose` ..."""
     *spaces, name = [set(re.findall(r"[a-z]+", part.lower())) for part in topic.split("/")]
     return bool(name & (_ANYWHERE | _AT_THE_END)) or any(space & _ANYWHERE for space in spaces)
 

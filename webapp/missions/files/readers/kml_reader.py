@@ -282,7 +282,7 @@ class _CheckedEntry(io.RawIOBase):
 
 
 def _is_kmz(beginning: Beginning) -> bool:
-    """Tell by the first bytes; every zip counts as a KMZ, and one without a KML is refused."""
+    """Detect by the first bytes; every zip counts as a KMZ, and one without a KML is refused."""
     if not beginning.head.startswith(b"PK\x03\x04"):
         return False
     if not zipfile.is_zipfile(beginning.path):
