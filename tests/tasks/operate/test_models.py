@@ -230,7 +230,7 @@ def test_photos_are_matched_by_the_network_for_their_features(settings, shared_m
     for features in ("sift", "disk", "sift+xfeat"):
         with pytest.raises(UsageError, match="xfeat or aliked"):
             files.pair_matcher(features, settings.models)
-    for features, hint in (("xfeat", "lighterglue_L3.onnx"), ("aliked", "aliked_lightglue.onnx")):
+    for features, hint in (("xfeat", "expmap models fetch"), ("aliked", "aliked_lightglue.onnx")):
         with pytest.raises(MissingPart, match=hint):
             files.pair_matcher(features, settings.models)
     settings.models.mkdir(parents=True)
