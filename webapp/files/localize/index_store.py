@@ -114,6 +114,11 @@ class IndexFolder:
         """Return the path of one finished photo."""
         return self.spool / f"{content}.features"
 
+    def remove_unfinished(self) -> None:
+        """Remove temporary files of killed writers from the spool; the caller must hold the writers' lock."""
+        for path in self.spool.glob(".*.tmp"):
+            path.unlink(missing_ok=True)
+
     def make_spool(self) -> None:
         """Create the folder for finished photos; that of the index must exist. Raises StorageError."""
         try:

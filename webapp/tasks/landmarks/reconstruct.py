@@ -171,6 +171,7 @@ def _describe(
     """Describe the photos; return their features, and the problems of the other photos, by number."""
     index = IndexFolder(folder)
     index.make_spool()
+    index.remove_unfinished()
     progress.note("describing photos")
     progress.size(len(photos))
     there = {n: _described(cfg, one, index) for n, one in enumerate(photos)}
