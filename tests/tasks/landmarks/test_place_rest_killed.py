@@ -115,6 +115,7 @@ def test_it_goes_on_after_each_kill_and_ends_with_the_same_places(wide, tmp_path
             assert stored.read(cfg) is None
         photos = described(folder)
         assert len(photos) == 10
+        (folder / "spool" / ".half.features.0.tmp").write_bytes(b"of a writer that was killed")
         assert run_until(Step("webapp.tasks.landmarks.stored:keep"), work_until_mapping, cfg)
         assert not (folder / "pieces.arrays").exists(), "it was killed while the photos were joined"
         for step in STEPS[3:]:
