@@ -7,6 +7,7 @@ import pytest
 from PIL import Image, PngImagePlugin
 
 from webapp.errors import GeoreferenceError, TrackError
+from webapp.files.exchange import xml
 from webapp.files.exchange.xml import walk
 from webapp.files.maps.positions import read_positions
 from webapp.files.photos.photo import read_facts
@@ -40,6 +41,15 @@ def photo(xmp=None):
         info.add_itxt("XML:com.adobe.xmp", xmp, zip=True)
     Image.new("RGB", (40, 30)).save(file, "PNG", pnginfo=info)
     return file.getvalue()
+
+
+def test_an_element_with_millions_of_others_inside_is_refused(monkeypatch):
+    monkeypatch.setattr(xml, "MOST_INSIDE", 1000)
+    wanted = b"<kml>" + b"<Placemark><a/></Placemark>" * 2000 + b"</kml>"
+    assert sum(1 for _ in walk(io.BytesIO(wanted), whole={"Placemark"})) == 2002
+    hostile = b"<kml><Placemark>" + b"<a/>" * 2000 + b"</Placemark></kml>"
+    with pytest.raises(TrackError, match="more than 1000 others inside"):
+        list(walk(io.BytesIO(hostile), whole={"Placemark"}))
 
 
 def test_the_xmp_of_a_photo(peak):

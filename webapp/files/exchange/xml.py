@@ -23,6 +23,9 @@ MAX_DEPTH = 60
 _NO_MEMORY = 1
 """Expat's code of this error."""
 
+MOST_INSIDE = 1_000_000
+"""Elements inside one that is yielded with its children, some 150 bytes of memory each."""
+
 DECLARATION = '<?xml version="1.0" encoding="UTF-8"?>\n'
 
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -50,7 +53,7 @@ def walk(file: BinaryIO, *, whole: Collection[str]) -> Iterator[tuple[str, Eleme
             document type or entities.
     """
     stack: list[Element] = []
-    inside = 0
+    inside = kept = 0
     for event, element in _events(file):
         if event == "start":
             stack.append(element)
@@ -58,12 +61,16 @@ def walk(file: BinaryIO, *, whole: Collection[str]) -> Iterator[tuple[str, Eleme
                 raise TrackError(f"its elements are nested more than {MAX_DEPTH} deep")
             if inside or local_name(element) in whole:
                 inside += 1
+                kept += 1
+                if kept > MOST_INSIDE:
+                    raise TrackError(f"one of its elements has more than {MOST_INSIDE} others inside")
             else:
                 yield "start", element
             continue
         stack.pop()
         inside = max(inside - 1, 0)
         if not inside:
+            kept = 0
             yield "end", element
             if stack:
                 stack[-1].remove(element)
