@@ -86,7 +86,7 @@ Reader = Callable[[Path, Selection, Findings], Iterator[Piece]]
 
 @dataclass(frozen=True, slots=True)
 class FormatAbout:
-    """What people are told about a format, in the documentation."""
+    """What the documentation says about a format."""
 
     tracks: str  # What becomes tracks
     objects: str = ""  # What becomes objects

@@ -83,7 +83,7 @@ def _list(*, binned: bool) -> str:
 
 
 def _formats() -> dict[str, str]:
-    """Return what the import dialog tells and accepts."""
+    """Return what the import dialog says and accepts."""
     readable = (entry for entry in FORMATS.values() if not entry.needs or is_installed(entry.needs))
     return {"accept": accepted(), "names": ", ".join(called(readable))}
 

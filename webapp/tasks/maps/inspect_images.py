@@ -28,7 +28,7 @@ class PlanFacts:
     height: int
     georeference: Georeference | None = None  # Of a GeoTIFF
     problem: str | None = None  # Why there is no georeference, or it cannot be read
-    worldfile: str | None = None  # Name of the world file beside it
+    worldfile: str | None = None  # Name of its world file
 
     @property
     def metres_per_pixel(self) -> float | None:

@@ -107,7 +107,7 @@ class _Reader:
     assume: bool  # Whether all photos twice as wide as high are panoramas
 
     def look(self, path: Path, name: str, *, beside: Sequence[Path]) -> SurveyedFile:
-        """Read a photo and the files beside it."""
+        """Read a photo and its sidecar files."""
         try:
             facts = read_facts(path, limits=self.limits)
             check_decodes(path, limits=self.limits)

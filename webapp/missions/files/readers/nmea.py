@@ -2,8 +2,8 @@
 
 Consecutive sentences with the same time of day form one fix: RMC has the date, position, speed and course,
 GGA and GNS position and height, GLL position, GST the accuracy. A fix without a date gets the one that puts
-it nearest to the previous fix. WPL is a waypoint. Two receivers in one log, which take turns, are told apart
-by their talkers (`GP`, `GN`).
+it nearest to the previous fix. WPL is a waypoint. Two receivers in one log, which take turns, are
+distinguished by their talkers (`GP`, `GN`).
 """
 
 from __future__ import annotations

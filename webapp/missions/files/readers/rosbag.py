@@ -211,7 +211,7 @@ def _chosen(
 
 
 def _is_plan(connection: Connection) -> bool:
-    """Tell whether poses of a topic were only planned: by its name, of types that plans have."""
+    """Return whether poses of a topic were only planned: by its name, of types that plans have."""
     return connection.msgtype in PLANS and is_planned(connection.topic)
 
 
