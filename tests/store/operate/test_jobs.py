@@ -236,6 +236,18 @@ def test_a_job_that_was_put_off_does_not_wait_an_hour_longer(do, take, at):
     assert take().fence == 2
 
 
+def test_jobs_keep_their_order_when_the_clock_goes_back(do, take, at, library):
+    """What is queued in the hour after does not overtake what was queued before."""
+    begun = clock.now()
+    written = {"a": 0, "b": 1, "c": -3600, "d": -3599}
+    ids = {key: do(jobs.enqueue, "x", key=key).id for key in written}
+    with library.database.write() as session:
+        for key, seconds in written.items():
+            session.get(Job, ids[key]).created_at = begun + timedelta(seconds=seconds)
+    at(-3590)
+    assert [take(f"{n}").job_id for n in range(4)] == list(ids.values())
+
+
 def test_who_lost_the_lease_writes_nothing(do, take, at, seen):
     id = do(jobs.enqueue, "x").id
     old = take("a")

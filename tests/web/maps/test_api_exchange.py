@@ -2,17 +2,21 @@
 
 import io
 import json
+import unicodedata
 import zipfile
 
 import pytest
 from PIL import Image
 
+from tests.web.maps.test_photo_uploads import jpeg
+from webapp.errors import Conflict, NotFound
 from webapp.files.exchange import map_zip
+from webapp.files.listing import folded
 from webapp.jobs import map_jobs
 from webapp.jobs.context import Context, JobProgress
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Lease, Limits
-from webapp.store.schema import MapRecord
+from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps import adopt_map
 from webapp.web.maps import api_exchange
 
@@ -199,6 +203,54 @@ def test_a_large_zip_is_imported_by_a_job(client, park, work, monkeypatch, libra
     assert work(map_jobs.import_map_zip) == {"findings": [], "left_out": []}
     assert len(client.get("/api/v1/maps/later").json["photos"]) == 3
     assert list((library.inner / "imports").iterdir()) == []
+
+
+def test_photos_whose_names_look_alike_stay_apart(client, park, library):
+    """Spelled in two normal forms, in capitals, and with a Cyrillic letter: as files, and through a zip."""
+    names = [unicodedata.normalize(form, "v\u00fdlet.jpg") for form in ("NFC", "NFD")]
+    names += ["V\u00ddLET.JPG", "v\u00fdl\u0435t.jpg"]
+    files = [(io.BytesIO(jpeg(n, side=40 + n)), name) for n, name in enumerate(names)]
+    answers = client.post(f"/api/v1/maps/{park}/photos", data={"file": files}).json
+    assert all("error" not in answer for answer in answers)
+    sides = sides_of(client, park)
+    assert set(range(40, 44)) <= set(sides)
+    with library.database.read() as session:
+        files = [photo.path for photo in session.query(Photo)]
+    assert len({folded(name) for name in files}) == len(sides), "also where case does not count"
+    bring(client, client.get(f"/api/v1/maps/{park}/export.zip").data, name="Again")
+    assert sides_of(client, "again") == sides
+
+
+def sides_of(client, slug):
+    return sorted(photo["width"] for photo in client.get(f"/api/v1/maps/{slug}").json["photos"])
+
+
+@pytest.mark.parametrize("when", ["waiting", "read"])
+@pytest.mark.parametrize("permanently", [False, True])
+def test_a_map_that_is_deleted_during_its_import(client, park, work, monkeypatch, library, when, permanently):
+    """Nothing of the zip is left in the library but, in the bin, the empty map."""
+    monkeypatch.setattr(map_zip, "_QUICK_BYTES", 1000)
+    bring(client, client.get(f"/api/v1/maps/{park}/export.zip").data, name="Later")
+
+    def delete():
+        for query in ("", "?forever=true")[: 1 + permanently]:
+            assert client.delete(f"/api/v1/maps/later{query}").status_code == 200
+
+    def run(context):
+        if when == "waiting":
+            delete()
+        with pytest.raises((NotFound, Conflict)):
+            map_jobs.import_map_zip(context)
+
+    read = adopt_map.read
+    if when == "read":
+        monkeypatch.setattr(adopt_map, "read", lambda *given, **named: (read(*given, **named), delete())[0])
+    work(run)
+    with library.database.read() as session:
+        assert session.query(Photo).count() == 3, "those of the other map"
+    assert not list(library.folder.glob("later*/*")), "no files outside the bin"
+    folders = [path for path in (library.inner / "imports").iterdir() if path.is_dir()]
+    assert folders == [], "only the archive waits for the sweep"
 
 
 def test_a_small_zip_with_many_lines_is_imported_by_a_job(client):

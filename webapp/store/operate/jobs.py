@@ -342,11 +342,12 @@ def _next_waiting(lanes: Lanes, *, at: datetime, early: bool) -> Select[Job]:
     since = func.coalesce(Job.started_at, Job.created_at)  # one that was put off waits since its last start
     first = or_(Job.kind.in_(lanes.short), since < at - _PATIENCE)
     rank = case((first, 0), (Job.urgent, 1), else_=2)
+    before_set_back = case((since > at, 0), else_=1)  # the clock has been set back since
     found = select(Job).where(Job.state == "queued", ~at_work, *_taken(lanes))
     if not early:
         due = (Job.not_before.is_(None), Job.not_before <= at, Job.not_before > at + _LONGEST_PAUSE)
         found = found.where(or_(*due))
-    return found.order_by(rank, since, Job.id).limit(1)
+    return found.order_by(rank, before_set_back, since, Job.id).limit(1)
 
 
 def _taken(lanes: Lanes) -> tuple[ColumnElement[bool], ...]:
