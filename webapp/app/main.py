@@ -301,6 +301,10 @@ root = LazyGroup(
         "settings": LazyCommand(
             "webapp.cli.settings:settings", "Print the value of each setting and where it comes from."
         ),
+        "doctor": LazyCommand(
+            "webapp.cli.operate.doctor:doctor",
+            "Check this installation and a library, and say what to do.",
+        ),
         "backup": LazyCommand(
             "webapp.cli.operate.backup:backup", "Back up a whole library to FILE, a zip archive."
         ),
