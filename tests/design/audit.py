@@ -1,7 +1,7 @@
 """Known vulnerabilities of dependencies, modified third-party scripts, unusual licences: `make audit`.
 
 Without a network, checks that need it are skipped with a message. The exit code is 1 if something was
-found.
+found. What an installation with the extra `all` consists of is written to `build/sbom.cdx.json`.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ import tempfile
 from collections.abc import Iterator
 from importlib.metadata import Distribution, distribution, distributions
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[2]
+SBOM = ROOT / "build" / "sbom.cdx.json"
 _SECONDS = 300.0
 
 
@@ -75,6 +76,9 @@ VENDORED = (
 )
 """Checksums of the unpacked npm packages."""
 
+SCRIPT_LICENCES = {"leaflet": "BSD-2-Clause", "three": "MIT"}
+"""Licences of the vendored scripts that pages load; their files contain or accompany the texts."""
+
 PERMISSIVE = frozenset(
     {
         *("0BSD", "BSD-2-Clause", "BSD-3-Clause", "BSD", "BSD License"),
@@ -104,11 +108,49 @@ FOR_TESTS = PERMISSIVE | {"GNU Library or Lesser General Public License (LGPL)",
 
 
 def main() -> None:
-    """Run all checks, print findings and what was skipped."""
+    """Write the bill of materials, run all checks, print findings and what was skipped."""
+    SBOM.parent.mkdir(exist_ok=True)
+    SBOM.write_text(json.dumps(bill_of_materials(), indent=1) + "\n", "utf-8")
     found = [*changed_scripts(), *unusual_licences(), *vulnerable_packages(), *vulnerable_scripts()]
     problems = [line for line in found if not line.startswith("SKIPPED")]
     sys.stdout.write("\n".join(found or ["nothing was found"]) + "\n")
     raise SystemExit(1 if problems else 0)
+
+
+def bill_of_materials() -> dict[str, Any]:
+    """List packages of an installation with the extra `all`, and vendored scripts, as CycloneDX 1.6."""
+    own = distribution("experience-map")
+    scripts = {(script.package, script.version) for script in VENDORED if script.path.startswith("static/")}
+    return {
+        "bomFormat": "CycloneDX",
+        "specVersion": "1.6",
+        "version": 1,
+        "metadata": {"component": _component(own, type="application")},
+        "components": [
+            *(_component(distribution(name)) for name in sorted(_shipped("experience-map", {"all"}))),
+            *(
+                {
+                    "type": "library",
+                    "name": name,
+                    "version": version,
+                    "purl": f"pkg:npm/{name}@{version}",
+                    "licenses": [{"license": {"id": SCRIPT_LICENCES[name]}}],
+                }
+                for name, version in sorted(scripts)
+            ),
+        ],
+    }
+
+
+def _component(package: Distribution, *, type: str = "library") -> dict[str, Any]:
+    name = canonicalize_name(package.name)
+    return {
+        "type": type,
+        "name": name,
+        "version": package.version,
+        "purl": f"pkg:pypi/{name}@{package.version}",
+        "licenses": [{"license": {"name": licence}} for licence in licences(package)],
+    }
 
 
 def changed_scripts(root: Path = ROOT) -> Iterator[str]:

@@ -55,3 +55,12 @@ def test_what_is_known_is_reported(monkeypatch):
         audit, "_run", answers(json.dumps({"vulnerabilities": {"leaflet": {"severity": "high"}}}))
     )
     assert list(audit.vulnerable_scripts()) == ["leaflet has a vulnerability, high"]
+
+
+def test_the_bill_of_materials_lists_packages_and_scripts_with_their_licences():
+    bill = audit.bill_of_materials()
+    assert (bill["bomFormat"], bill["specVersion"]) == ("CycloneDX", "1.6")
+    parts = {part["name"]: part for part in bill["components"]}
+    assert {"numpy", "flask", "rasterio", "leaflet", "three"} <= parts.keys()
+    assert "axe-core" not in parts and "pytest" not in parts, "what tests use is not installed"
+    assert all(part["licenses"] and part["purl"].endswith(f"@{part['version']}") for part in parts.values())
