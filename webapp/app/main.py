@@ -94,9 +94,7 @@ map_group = LazyGroup(
     commands={
         "check": LazyCommand("webapp.cli.map:check", "Check a map file and say how to fix what is wrong."),
         "from-photos": LazyCommand("webapp.cli.map:from_photos", "Make a map from the photos in a folder."),
-        "inspect": LazyCommand(
-            "webapp.cli.inspect_images:inspect", "Show how photos and plans are understood."
-        ),
+        "inspect": LazyCommand("webapp.cli.map:inspect", "Show how photos and plans are understood."),
         "write-exif": LazyCommand(
             "webapp.cli.map:write_exif", "Write positions into the EXIF of photos, or of copies."
         ),

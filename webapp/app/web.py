@@ -25,7 +25,7 @@ from webapp.missions.web import pages as mission_pages
 from webapp.missions.web.context import PATH_PARAMETERS
 from webapp.settings import Settings
 from webapp.store.library import Library
-from webapp.web import installable, make_app, manual, metrics, operate, operate_models
+from webapp.web import installable, make_app, manual
 from webapp.web.accounts import api_accounts
 from webapp.web.accounts import pages as accounts_pages
 from webapp.web.landmarks import api_cloud, api_place_rest, api_points
@@ -46,6 +46,7 @@ from webapp.web.maps import (
     api_street,
 )
 from webapp.web.maps import pages as maps_pages
+from webapp.web.operate import jobs, metrics, models
 from webapp.web.satellite import api_georeference, api_places, api_satellite
 from webapp.web.satellite import pages as satellite_pages
 from webapp.web.sharing import api_shared, api_shared_cloud, api_shares
@@ -98,12 +99,12 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_street.blueprint,
     manual.blueprint,
     maps_pages.blueprint,
-    operate.health_pages,
+    jobs.health_pages,
     metrics.blueprint,
-    operate.jobs_api,
-    operate.jobs_pages,
-    operate_models.pages,
-    operate_models.api,
+    jobs.jobs_api,
+    jobs.jobs_pages,
+    models.pages,
+    models.api,
     api_georeference.blueprint,
     api_places.blueprint,
     api_satellite.blueprint,
@@ -119,7 +120,7 @@ PARTS = Parts(
     blueprints=BLUEPRINTS,
     public_lists={"missions": shares.public},
     path_parameters=PATH_PARAMETERS,
-    operations=api_staged.OPERATIONS | mission_shares.OPERATIONS | operate_models.OPERATIONS,
+    operations=api_staged.OPERATIONS | mission_shares.OPERATIONS | models.OPERATIONS,
     short_jobs=REGISTRY.short(),
 )
 

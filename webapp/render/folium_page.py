@@ -21,7 +21,7 @@ from webapp.render.mercator import MercatorPicture, to_mercator
 from webapp.resources import resource_folder
 from webapp.settings import Settings
 from webapp.tasks.exchange.export_source import Download, Source
-from webapp.tasks.maps.thumbnails import encode_picture, satellite_picture, thumbnail
+from webapp.tasks.exchange.thumbnails import encode_picture, satellite_picture, thumbnail
 
 if TYPE_CHECKING:
     import folium  # imported by the functions: slow to import, and rarely needed

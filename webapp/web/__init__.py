@@ -23,7 +23,6 @@ from webapp.web import (
     errors,
     json_bodies,
     language,
-    metrics,
     openapi,
     pages,
     request_log,
@@ -31,6 +30,7 @@ from webapp.web import (
 )
 from webapp.web.accounts import security, sessions
 from webapp.web.accounts.security import secret_key
+from webapp.web.operate import metrics
 from webapp.web.state import KEY, AppState, Parts
 
 _PARTS = (

@@ -20,7 +20,8 @@ from webapp.files.object_storage.watch import watch
 from webapp.settings import METRICS_FOLDER
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Limits
-from webapp.web import make_app, metrics
+from webapp.web import make_app
+from webapp.web.operate import metrics
 from webapp.web.state import Parts
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -28,7 +29,7 @@ COUNTING = """
 import sys
 from types import SimpleNamespace
 from webapp.errors import StorageError
-from webapp.web.metrics import _Metrics
+from webapp.web.operate.metrics import _Metrics
 
 def away():
     raise StorageError("not now")

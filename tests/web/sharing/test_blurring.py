@@ -25,9 +25,9 @@ from webapp.store.schema import Job, MapRecord
 from webapp.tasks.blur.accept import accept_in_library
 from webapp.tasks.blur.find import PhotoToSearch, search_photos
 from webapp.tasks.exchange.export_source import of_folder
+from webapp.tasks.exchange.thumbnails import thumbnail
 from webapp.tasks.maps import export, pictures, show_photo
 from webapp.tasks.maps.delete_map import delete_map
-from webapp.tasks.maps.thumbnails import thumbnail
 from webapp.web.state import KEY
 
 

@@ -19,8 +19,8 @@ from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.tasks.exchange.export_source import Download, Source, of_library
+from webapp.tasks.exchange.thumbnails import encode_picture, satellite_picture, thumbnail
 from webapp.tasks.maps import export
-from webapp.tasks.maps.thumbnails import encode_picture, satellite_picture, thumbnail
 
 UNPLACED = "unplaced"
 """Folder of the zip for the photos in the tray; below it they have their paths in the map's folder."""

@@ -14,21 +14,27 @@ from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel, whole_pixel
 from webapp.core.mapmodel.model import WRITTEN, Experience, Map, MapPhoto
 from webapp.errors import Conflict, MapError, NotFound, UsageError
+from webapp.files.maps.control_points import point_fields
+from webapp.files.maps.floors import floor_fields
 from webapp.files.maps.folder import read_map
 from webapp.files.maps.map_json import georeference_fields
+from webapp.files.maps.notes import note_fields
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.maps import edits, maps
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
-from webapp.tasks.maps import export, outside_listed
+from webapp.tasks.maps import export
 from webapp.tasks.maps.adopt_map import PhotoFiles, add_removed, check_room_for_ids, distinct_hash
 from webapp.tasks.maps.export import changed_outside, file_sha256
+from webapp.tasks.maps.library_map import control_points, floors, notes
 from webapp.tasks.relative_paths import relative_text, show_relative_to
 
 Change = Mapping[str, Any] | None
 
 _TAKEN_OVER = ("heading_deg", *WRITTEN)
 """Facts of photos that are taken over from the files."""
+
+_Fields = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +234,7 @@ class _Planner:
 
     def take_floors(self, session: Session, map_: Map) -> None:
         """Plan the floors; those missing from the file are kept."""
-        changed = outside_listed.changed_floors(session, self._record, map_)
+        changed = _changed_floors(session, self._record, map_)
         self.plan.changes |= changed
         self.plan.floors += [fields["name"] for fields in changed.values()]
         there = {floor["id"] for floor in self._record.floors or ()}
@@ -262,8 +268,8 @@ class _Planner:
         in_tray = {p.id: p for p in map_.unplaced if p.id in self._rows and p.id not in placed}
         # Removed photos have no line, but points and notes still refer to them.
         known = {id: id for id in self._rows.keys() - placed} | dict(ids)
-        points = outside_listed.changed_points(session, self._record, map_, known=known)
-        notes = outside_listed.changed_notes(session, self._record, map_, known=known)
+        points = _changed_points(session, self._record, map_, known=known)
+        notes = _changed_notes(session, self._record, map_, known=known)
         self.plan.changes |= points | notes
         self.plan.control_points += [target.removeprefix("point/") for target in points]
         self.plan.notes += [fields["title"] for fields in notes.values()]
@@ -364,3 +370,55 @@ def _differences(e: Experience, row: Photo) -> dict[str, Any]:
 def _other_facts(photo: MapPhoto, row: Photo, names: Iterable[str]) -> dict[str, Any]:
     there = {name: getattr(photo, name) for name in names}
     return {name: value for name, value in there.items() if value not in (None, getattr(row, name))}
+
+
+def _changed_points(
+    session: Session, record: MapRecord, map_: Map, *, known: Mapping[int, int]
+) -> dict[str, _Fields]:
+    """Return the control points that change, by target of an edit; those missing in the file are kept.
+
+    Args:
+        known: Id in the records for each photo id that may occur in the file, including removed photos.
+    """
+    after = {}
+    for point in map_.control_points:
+        clicks = [c._replace(photo=known[c.photo]) for c in point.clicks if c.photo in known]
+        after[f"point/{point.name}"] = point_fields(replace(point, clicks=tuple(sorted(clicks))))
+    before = {f"point/{point.name}": point_fields(point) for point in control_points(record)}
+    return _changed(session, record, before=before, after=after)
+
+
+def _changed_notes(
+    session: Session, record: MapRecord, map_: Map, *, known: Mapping[int, int]
+) -> dict[str, _Fields]:
+    """Return the notes at spots that change; see `changed_points`.
+
+    If the file has no floors, existing notes stay on theirs.
+    """
+    there = {note.id: note for note in notes(record)}
+    after = {}
+    for note in map_.notes:
+        photos = tuple(known[id] for id in note.photos if id in known)
+        floor = there[note.id].floor if not map_.floors and note.id in there else note.floor
+        after[f"note/{note.id}"] = note_fields(replace(note, photos=photos, floor=floor))
+    before = {f"note/{id}": note_fields(note) for id, note in there.items()}
+    return _changed(session, record, before=before, after=after)
+
+
+def _changed_floors(session: Session, record: MapRecord, map_: Map) -> dict[str, _Fields]:
+    """Return the floors that change; see `changed_points`."""
+    after = {f"floor/{floor.id}": floor_fields(floor) for floor in map_.floors}
+    before = {f"floor/{floor.id}": floor_fields(floor) for floor in floors(record)}
+    return _changed(session, record, before=before, after=after)
+
+
+def _changed(
+    session: Session, record: MapRecord, *, before: Mapping[str, _Fields], after: Mapping[str, _Fields]
+) -> dict[str, _Fields]:
+    """Leave out equal ones, and those changed in the library since the file was written."""
+    return {
+        target: fields
+        for target, fields in after.items()
+        if fields != before.get(target)
+        and edits.revision_of_listed(session, record, target) <= record.exported_revision
+    }

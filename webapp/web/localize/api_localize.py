@@ -35,12 +35,12 @@ from webapp.tasks.maps import examples
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.maps.library_map import georeference
 from webapp.tasks.maps.pictures import give_original
-from webapp.web import metrics
 from webapp.web.body_limits import limit_photo
 from webapp.web.context import account, library, map_role, open_map, settings
 from webapp.web.fields import Boolean, BoundedList, RecordNumber
 from webapp.web.localize.answers import AnswerOut
 from webapp.web.openapi import file_answer
+from webapp.web.operate import metrics
 from webapp.web.sending import send_picture, send_revalidated
 from webapp.web.state import KEY as STATE
 

@@ -22,7 +22,6 @@ from webapp.tasks.localize.upload import LocalizeRequest
 from webapp.tasks.maps import show_photo
 from webapp.tasks.satellite import display
 from webapp.tasks.satellite.floors import found_floor
-from webapp.web import metrics
 from webapp.web.body_limits import limit_photo
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import authorized_by, library, public, settings
@@ -31,6 +30,7 @@ from webapp.web.localize.answers import Located
 from webapp.web.localize.api_localize import map_cache, received
 from webapp.web.maps.schemas import FloorOut, NoteOut, PageQuery
 from webapp.web.openapi import file_answer
+from webapp.web.operate import metrics
 from webapp.web.sending import send_original, send_picture
 from webapp.web.sharing import shared_state
 from webapp.web.state import KEY

@@ -18,8 +18,8 @@ from webapp.store.operate import job_views, jobs
 from webapp.store.schema import Account, Job, MapRecord
 from webapp.web.context import account, library, open_map, public, settings
 from webapp.web.fields import LATER, Boolean
-from webapp.web.job_json import job_json
 from webapp.web.maps.schemas import JobSchema
+from webapp.web.operate.job_json import job_json
 from webapp.web.pages import Tab, page
 
 jobs_api = APIBlueprint("jobs", __name__, url_prefix="/api/v1/jobs", tag="Jobs")

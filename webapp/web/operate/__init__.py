@@ -1,0 +1,1 @@
+"""What keeps a server running: jobs, health checks, metrics, and models."""
