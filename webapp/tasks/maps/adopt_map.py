@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Collection, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -33,6 +34,7 @@ from webapp.store.schema import MapRecord, Member, Photo, PlacedElsewhere
 from webapp.tasks.maps.export import file_sha256
 from webapp.tasks.maps.library_map import fact_columns
 from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, PYRAMID_JOB
+from webapp.tasks.satellite.upright import turned_note
 
 _LARGEST_NEXT_ID = 2_000_000_000
 _SLUG = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,79}")
@@ -86,8 +88,9 @@ def adopt_map(
             f"{slug!r} is not a valid name for a map of the library",
             hint="rename the folder: letters, digits, -",
         )
-    limits = (settings or Settings()).photo
-    contents = read(library.cfg(slug), limits=limits, progress=progress or Progress())
+    settings = settings or Settings()
+    contents = read(library.cfg(slug), limits=settings.photo, progress=progress or Progress())
+    _check_upright(library.cfg(slug), contents.map, settings)
     for problem in contents.problems:
         (progress or Progress()).note(problem)
     title = name or contents.map.title or slug.replace("-", " ").capitalize()
@@ -100,6 +103,21 @@ def adopt_map(
         session.add(Member(map_id=record.id, account_id=account_id, role="owner"))
         fill(session, record, contents)
         return record.id
+
+
+def _check_upright(cfg: Path, map_: Map, settings: Settings) -> None:
+    """Refuse images that EXIF turns: they would have to be changed, as viewers differ in showing them."""
+    floors = (floor.image.path for floor in map_.floors if floor.image)
+    for name in (map_.satellite.path, *floors):
+        with suppress(MapError):  # missing: the linter reports it
+            path = MapFolder(cfg).path(name)
+            note = turned_note(path, settings)
+            if note is not None:
+                raise UsageError(
+                    f"the image {name} is turned by its EXIF orientation",
+                    where=str(cfg),
+                    hint="import a zip of the folder, which makes it upright, or turn it and save it again",
+                )
 
 
 def read(
