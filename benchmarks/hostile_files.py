@@ -38,11 +38,12 @@ def zeros(size: int, compression: str) -> bytes:
     return compress(bytes(_BLOCK)) * (size // _BLOCK) + compress(bytes(size % _BLOCK))
 
 
-def mcap(size: int, compression: str, *, stated: int | None = None) -> bytes:
+def mcap(size: int, compression: str, *, stated: int | None = None, profile: str = "ros2") -> bytes:
     """Make an MCAP with one chunk of zeros.
 
     Args:
         stated: Size of the chunk that the file states, instead of the true one.
+        profile: Of ROS 2, or empty for a file of Foxglove.
     """
     packed = zeros(size, compression)
     chunk = struct.pack("<QQQI", 0, 0, size if stated is None else stated, 0)
@@ -50,7 +51,7 @@ def mcap(size: int, compression: str, *, stated: int | None = None) -> bytes:
     return b"".join(
         (
             _MAGIC,
-            _mcap_record(1, _text("ros2") + _text("")),
+            _mcap_record(1, _text(profile) + _text("")),
             _mcap_record(6, chunk),
             _mcap_record(2, bytes(20)),
             _MAGIC,
@@ -171,6 +172,8 @@ BOMBS: Mapping[str, Callable[[int], tuple[str, bytes]]] = {
     "array in a definition": lambda size: ("a.bag", ros1_bag(f"string[{size}] x")),
     "mcap zstd": lambda size: ("a.mcap", mcap(size, "zstd")),
     "mcap lz4": lambda size: ("a.mcap", mcap(min(size, 500_000_000), "lz4")),
+    "foxglove zstd": lambda size: ("a.mcap", mcap(size, "zstd", profile="")),
+    "foxglove empty": lambda size: ("a.mcap", mcap(min(size, 12_000_000), "zstd", profile="")),
     "mcap that lies": lambda size: ("a.mcap", mcap(size, "zstd", stated=1000)),
     "bag bz2": lambda size: ("a.bag", ros1_bag(size=size, compression="bz2")),
     "bag lz4 that lies": lambda size: (

@@ -9,7 +9,7 @@ import pytest
 from webapp.core.boxes import BlurBox
 from webapp.core.geo.floors import Floor, FloorImage
 from webapp.core.geo.georeference import Georeference
-from webapp.core.geo.types import MapPixel
+from webapp.core.geo.types import LatLon, MapPixel
 from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick
 from webapp.core.mapmodel.findings import WARNINGS, Code
 from webapp.core.mapmodel.model import Experience, Map, PhotoSource, Placement, SatelliteImage, UnplacedPhoto
@@ -44,7 +44,7 @@ FULL = Map(
     (Placement("clusters", {0: MapPixel(1.5, 1.5)}),),
     next_id=1,
     title="A",
-    unplaced=(UnplacedPhoto(2, "b.jpg"),),
+    unplaced=(UnplacedPhoto(2, "b.jpg", gps=LatLon(50.1, 14.4)),),
     control_points=(GroundControlPoint("gate", MapPixel(2.5, 7.0), (PhotoClick(0, 0.4, 0.6),), 0.05, 212.4),),
     notes=(MapNote(1, "Bench", MapPixel(2.5, 7.0), "Since May.", (0,)),),
     floors=(

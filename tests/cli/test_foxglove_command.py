@@ -164,3 +164,16 @@ def test_ctrl_c_is_not_lost_in_a_destructor(capsys):
 
     serve_until_interrupted(SimpleNamespace(port=1), "127.0.0.1", look=look)
     assert len(looks) == 1 and "stopped" in capsys.readouterr().err
+
+
+def test_the_file_of_a_mission_is_imported_again(expmap, mission, tmp_path):
+    out = tmp_path / "round.mcap"
+    assert expmap("foxglove", "mission", mission, "--out", out)[0] == 0
+    expmap("mission", "new", "Again")
+    assert expmap("mission", "import", 2, out, "--min-move", "0")[0] == 0
+    first, again = (
+        json.loads(expmap("mission", "export", number, "-", "--format", "geojson")[1]) for number in (1, 2)
+    )
+    assert [f["geometry"] for f in again["features"]] == [f["geometry"] for f in first["features"]]
+    times = [f["properties"]["coordinateProperties"]["times"] for f in first["features"]]
+    assert [f["properties"]["coordinateProperties"]["times"] for f in again["features"]] == times

@@ -620,6 +620,13 @@ export interface components {
             lat: number;
             lon: number;
         };
+        FuseIn: {
+            /**
+             * @description Id of the odometry to correct, which has to be chosen if several are from the same time; by default the longest.
+             * @default null
+             */
+            odometry: number | null;
+        };
         FusionOut: {
             /** @description Factors on standard deviations: `odometry` on the usual ones, `stated` on those of each source; more than 1: it was too sure. `receiver` is that of `gps`. */
             errors?: {
@@ -632,6 +639,10 @@ export interface components {
             }[];
             /** @description Id of the track that was corrected. */
             odometry?: number | null;
+            /** @description Its name, often its topic. */
+            odometry_name?: string | null;
+            /** @description Ids of further odometry, which was not used. */
+            others?: number[];
             /** @description When each piece begins; the robot was carried in between. */
             pieces?: number[];
             /** @description Ids of odometry tracks that were not used: their topics are plans. */

@@ -153,6 +153,10 @@ mission_group = LazyGroup(
             "webapp.missions.cli.mission:export",
             "Export the mission with the number MISSION to FILE; `-` is standard output.",
         ),
+        "fuse": LazyCommand(
+            "webapp.missions.cli.mission:fuse",
+            "Fuse the tracks of the mission with the number MISSION into a corrected one.",
+        ),
         "thin": LazyCommand(
             "webapp.missions.cli.thinning:thin",
             "Remove poses from the tracks of missions, keeping the error below a limit at all times.",

@@ -102,8 +102,13 @@ def _localize(context: Context) -> dict[str, Any]:
 
 def fuse_mission(context: Context) -> dict[str, Any]:
     """Fuse the mission with the id `mission`; if killed, the previous fused track is kept."""
+    arguments = context.arguments
     report = fuse.fuse_mission(
-        context.library, int(context.arguments["mission"]), write=context.write, progress=context.progress
+        context.library,
+        int(arguments["mission"]),
+        write=context.write,
+        progress=context.progress,
+        odometry=arguments.get("odometry"),
     )
     return {**report, "gated": report["gated"][:_LISTED]}
 

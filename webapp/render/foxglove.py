@@ -36,6 +36,7 @@ class FoxglovePoint:
     # Variance east, variance north, covariance of the two; None if unknown.
     covariance_m2: tuple[float, float, float] | None = None
     heading_deg: float | None = None  # Degrees clockwise from north
+    height_m: float | None = None
     about: Mapping[str, str] | None = None  # Key-value pairs that are shown with it
 
 
@@ -157,6 +158,7 @@ class FoxgloveSink:
             frame_id=_FRAME,
             latitude=point.latlon.lat,
             longitude=point.latlon.lon,
+            altitude=point.height_m or 0.0,  # 0 means unknown
             position_covariance=[east, both, 0.0, both, north, 0.0, 0.0, 0.0, 0.0],
             position_covariance_type=kinds.Unknown if point.covariance_m2 is None else kinds.Approximated,
             heading=point.heading_deg,

@@ -1,10 +1,11 @@
 /** Actions on a whole mission: import, fuse, share, rename, delete. */
 
-import { askDialog, busy, confirmDialog, openDialog } from "../shared/dialogs.js";
+import { askDialog, busy, confirmDialog, field, openDialog } from "../shared/dialogs.js";
 import { byId, h, queryAll } from "../shared/dom.js";
 import { listenToDrops, usable } from "../shared/drop-files.js";
 import { locale, t } from "../shared/i18n.js";
 import { toast, toastError } from "../shared/toast.js";
+import { lengthText } from "./format.js";
 import { resultText } from "./import/file-remarks.js";
 import { importDialog } from "./import/wizard.js";
 import { ended, jobBar } from "./job-progress.js";
@@ -41,7 +42,7 @@ export function connectActions(store, lines, live) {
   });
   on("import", () => take([]));
   if (document.querySelector('[data-does="import"]')) listenToDrops(byId("drop"), (files) => files.length && take(usable(files)));
-  on("fuse", (button) => busy(button, () => fuse(server, refresh)));
+  on("fuse", (button) => busy(button, () => fuse(store, server, refresh)));
   on("share", () => sharesDialog(server));
   on("rename", () => rename(store, server));
   on("delete", () => bin(store, server, live));
@@ -59,7 +60,8 @@ function tellImported(results) {
   toast(resultText(results), { hint: hint || null });
 }
 
-async function fuse(server, refresh) {
+/** @param {?number} [odometry] id of the track to correct; the server says if one has to be chosen */
+async function fuse(store, server, refresh, odometry = null) {
   const bar = jobBar(t("The tracks are being fused"));
   const dialog = openDialog(t("Fuse the tracks"), [
     h("p", { class: "soft" }, t("Combines odometry, GPS and visual fixes into one corrected track; the other tracks stay as they are.")), bar,
@@ -69,9 +71,25 @@ async function fuse(server, refresh) {
     await ended(server.job, job, bar.showJob);
     await refresh();
     toast(t("The corrected track is in place."));
+  } catch (error) {
+    if (odometry !== null || error.where !== "odometry") throw error;
+    chooseOdometry(store, (chosen) => fuse(store, server, refresh, chosen));
   } finally {
     dialog.close();
   }
+}
+
+/** Ask which odometry is to be corrected. */
+function chooseOdometry(store, then) {
+  const driven = store.mission.tracks.filter(({ source }) => source === "odometry").sort((a, b) => b.distance_m - a.distance_m);
+  const choice = h("select", { class: "input" }, ...driven.map(({ id, name, distance_m }) => h("option", { value: String(id) }, `${name || t("Odometry")}, ${lengthText(distance_m)}`)));
+  const go = h("button", { class: "button button--primary", type: "button", onclick: () => {
+    dialog.close();
+    then(Number(choice.value)).catch(toastError);
+  } }, t("Fuse"));
+  const dialog = openDialog(t("Which odometry?"), [
+    h("p", { class: "soft" }, t("Several were recorded at the same time.")), field(t("Odometry"), choice),
+  ], { actions: [go] });
 }
 
 function rename({ mission }, server) {

@@ -50,7 +50,8 @@ export function endpointsOf(id) {
     query: (wish) => get(`${base}/query?${parameters(wish)}`),
     fusion: () => get(`${base}/fusion`),
     localize: (sha256) => post(`${base}/photos/${sha256}/fix`, {}),
-    fuse: () => post(`${base}/fuse`, {}),
+    /** @param {?number} odometry id of the track to correct; null unless there are several */
+    fuse: (odometry) => post(`${base}/fuse`, { odometry }),
     job: (job) => get(`/jobs/${job}`),
     shares: () => get(`${base}/shares`),
     share: (wish) => post(`${base}/shares`, wish),

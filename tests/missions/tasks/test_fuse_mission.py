@@ -14,7 +14,7 @@ from tests.missions.core.test_fusion import FRAME, error_m, gps_of, odometry_of
 from webapp.errors import Cancelled, NotFound, UsageError
 from webapp.missions.core.trajectory.fusion import Fusion
 from webapp.missions.store import missions, tracks
-from webapp.missions.store.schema import Mission, MissionPhoto
+from webapp.missions.store.schema import Mission, MissionPhoto, Pose, Track
 from webapp.missions.tasks import fuse
 from webapp.progress import Progress
 
@@ -37,9 +37,13 @@ def fused(library, mission_id):
         return track, tracks.read(session, track)
 
 
-def run(library, mission_id, progress=None):
+def run(library, mission_id, progress=None, odometry=None):
     return fuse.fuse_mission(
-        library, mission_id, write=library.database.write, progress=progress or Progress()
+        library,
+        mission_id,
+        write=library.database.write,
+        progress=progress or Progress(),
+        odometry=odometry,
     )
 
 
@@ -252,3 +256,45 @@ def test_of_a_long_track_some_poses_are_taken(library, driven, monkeypatch):
     report = run(library, mission_id)
     assert report["poses"] <= 100
     assert error_m(Fusion(fused(library, mission_id)[1], {}, (), None), drive) < 2.0
+
+
+@pytest.fixture
+def twice(library, driven):
+    """The mission with a second, longer odometry from the same time: its id, and those of both tracks."""
+    mission_id, drive = driven
+    longer = odometry_of(drive)
+    longer.latlon[:] += np.linspace(0, 1e-3, len(longer))[:, None]
+    with library.database.write() as session:
+        track = tracks.get_or_create(session, mission_id, source="odometry", name="bag /wheel/odom")
+        tracks.append(session, track, longer)
+        first = next(t for t in tracks.list_tracks(session, mission_id) if t.source == "odometry")
+        return mission_id, first.id, track.id
+
+
+def test_of_several_odometries_from_the_same_time_one_has_to_be_chosen(library, twice):
+    mission_id, first, second = twice
+    with pytest.raises(UsageError, match="several tracks of odometry from the same time") as caught:
+        run(library, mission_id)
+    assert caught.value.where == "odometry"
+    assert f"{first} (odometry, " in caught.value.hint and f"{second} (bag /wheel/odom, " in caught.value.hint
+    for chosen, other in ((first, second), (second, first)):
+        report = run(library, mission_id, odometry=chosen)
+        assert (report["odometry"], report["others"]) == (chosen, [other])
+    assert report["odometry_name"] == "bag /wheel/odom"
+
+
+def test_only_odometry_of_the_mission_can_be_chosen(library, driven):
+    mission_id, _ = driven
+    with pytest.raises(UsageError, match="no odometry with the id 99") as caught:
+        run(library, mission_id, odometry=99)
+    assert "odometry, " in caught.value.hint
+
+
+def test_of_several_odometries_one_after_the_other_the_longest_is_used(library, twice):
+    mission_id, _, second = twice
+    with library.database.write() as session:
+        track = session.get_one(Track, second)
+        for pose in session.scalars(select(Pose).where(Pose.track_id == second)):
+            pose.time_s += 1e6
+        track.first_time_s, track.last_time_s = track.first_time_s + 1e6, track.last_time_s + 1e6
+    assert run(library, mission_id)["odometry"] == second

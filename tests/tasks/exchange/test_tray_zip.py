@@ -11,7 +11,7 @@ from webapp.errors import StorageError
 from webapp.files.maps.folder import read_map
 from webapp.settings import Settings
 from webapp.store.maps import maps
-from webapp.store.schema import MapRecord, PlacedElsewhere
+from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
 from webapp.tasks.exchange import export_files, import_map
 from webapp.tasks.maps import export
 
@@ -226,3 +226,52 @@ def test_a_map_whose_own_folder_has_that_name(adopt, edit, exported, bring, rows
     placed = {row.path for row in rows(done.map_id).values() if row.x_px is not None}
     assert placed == {"unplaced/photos/0.jpg", "unplaced/2.jpg"}
     assert set(tray(rows(done.map_id)).values()) == set(tray(rows(map_id)).values())
+
+
+def test_a_position_that_no_file_of_the_zip_has_comes_back(park, exported, bring, library, rows):
+    with library.changing(park) as change:
+        row = change.session.get_one(Photo, (park, 1))
+        row.gps_lat, row.gps_lon, row.gps_accuracy_m, row.gps_problem = 50.1, 14.4, 4.0, None
+        row.file_notes = ["its position is from 1.xmp", "it is blurred"]
+    files = exported(park)
+    listed = {photo["id"]: photo for photo in json.loads(files["map.json"])["unplaced"]}
+    assert (listed[1]["gps_lat"], listed[1]["gps_lon"]) == (50.1, 14.4) and "gps_lat" not in listed[3]
+    done = bring(files)
+    first, third = rows(done.map_id)[1], rows(done.map_id)[3]
+    assert (first.gps_lat, first.gps_lon, first.gps_accuracy_m) == (50.1, 14.4, 4.0)
+    assert first.gps_problem is None and first.file_notes == ["its position is from map.json"]
+    assert third.gps_lat is None and third.gps_problem
+    assert json.loads(exported(done.map_id)["map.json"])["unplaced"][0]["gps_lat"] == 50.1
+
+
+XMP = (
+    b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+    b'<rdf:Description xmlns:exif="http://ns.adobe.com/exif/1.0/" exif:GPSLatitude="50,6.0N" '
+    b'exif:GPSLongitude="14,24.0E"/></rdf:RDF></x:xmpmeta>'
+)
+GOOGLE = json.dumps({"geoData": {"latitude": 50.2, "longitude": 14.5}}).encode()
+
+
+def test_files_beside_photos_in_a_zip_are_read(park, exported, bring, library, rows):
+    """Both for placed photos and in the tray; they stay out of the list of what is left out."""
+    beside = {
+        "photos/0.xmp": XMP,
+        "photos/2.jpg.supplemental-metadata.json": GOOGLE,
+        "unplaced/photos/1.jpg.xmp": XMP,
+        "unplaced/photos/3.jpg.json": GOOGLE,
+    }
+    done = bring({**exported(park), **beside})
+    assert (done.findings, done.left_out) == ((), ())
+    at = {id: (row.gps_lat, row.gps_lon) for id, row in rows(done.map_id).items()}
+    assert at == {0: (50.1, 14.4), 1: (50.1, 14.4), 2: (50.2, 14.5), 3: (50.2, 14.5)}
+    assert rows(done.map_id)[1].file_notes == ["its position is from 1.jpg.xmp"]
+    assert {row.path for row in rows(done.map_id).values()} == {f"photos/{n}.jpg" for n in range(4)}
+    assert [path.name for path in library.map_folder(done.slug).rglob("unplaced")] == []
+
+
+def test_a_hostile_sidecar_is_left_out(park, exported, bring, rows):
+    entity = b'<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]>' + XMP
+    beside = {"unplaced/photos/1.xmp": entity, "unplaced/photos/3.jpg.json": b"[" * 100_000}
+    done = bring({**exported(park), **beside})
+    assert [rows(done.map_id)[id].gps_lat for id in (1, 3)] == [None, None]
+    assert rows(done.map_id)[1].file_notes == ["1.xmp is damaged and was left out"]

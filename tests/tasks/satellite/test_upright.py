@@ -1,6 +1,7 @@
 """Plans and satellite images are upright, no matter in which format and on which way they arrive."""
 
 import io
+import json
 import zipfile
 
 import numpy as np
@@ -11,6 +12,7 @@ from PIL import Image
 
 from webapp.core.geo.floors import Floor
 from webapp.core.geo.types import MapPixel
+from webapp.errors import UsageError
 from webapp.files.maps.folder import read_map
 from webapp.files.photos.photo import turn_upright
 from webapp.progress import Progress
@@ -18,7 +20,7 @@ from webapp.settings import Settings
 from webapp.store.library import open_library
 from webapp.store.schema import Account
 from webapp.tasks.exchange import import_map
-from webapp.tasks.maps import from_photos
+from webapp.tasks.maps import adopt_map, from_photos
 from webapp.tasks.maps.from_photos import PlaceOptions
 from webapp.tasks.satellite.floors import NewFloor
 from webapp.tasks.satellite.folder_floors import add_in_folder
@@ -168,3 +170,37 @@ def test_transparent_parts_of_a_plan_are_white(tmp_path):
     Image.new("RGBA", (20, 20), (0, 0, 0, 0)).save(tmp_path / "plan", "WEBP", lossless=True)
     copy = as_shown(tmp_path / "plan", scratch=tmp_path, settings=Settings())
     assert np.asarray(Image.open(copy)).min() > 250
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG", "HEIF"])
+@pytest.mark.parametrize("size", [(HIGH, WIDE), (WIDE, HIGH)])
+def test_the_image_of_a_floor_in_a_zip_is_upright(bring, kind, size):
+    """Or keeps its stored pixels, if the map's positions refer to those."""
+    image = {"path": "first.img.png", "width": size[0], "height": size[1]}
+    floors = [
+        {"id": 0, "name": "Ground", "level": 0},
+        {"id": 1, "name": "First", "level": 1, "image": {**image, "map_from_image": [[1, 0, 0], [0, 1, 0]]}},
+    ]
+    records = json.dumps({"format": "experience-map", "version": 1, "floors": floors})
+    further = [("map.json", records), ("first.img.png", plan(kind, 6))]
+    base, map_ = bring("plan.png", plan("PNG", 1), f"plan.png;{WIDE};{HIGH}", further=further)
+    found = map_.floors[1].image
+    shown, _, spot = spot_of(base.parent / found.path)
+    if kind == "HEIF":  # its decoder shows upright pixels only
+        assert shown == (HIGH, WIDE)
+    else:
+        assert shown == size == (found.width, found.height)
+        assert np.allclose(spot, SPOT if size == (WIDE, HIGH) else (HIGH - SPOT[1], SPOT[0]), atol=1.5)
+
+
+def test_a_folder_with_a_turned_image_is_not_adopted_as_it_is(make_map, tmp_path):
+    library = open_library(tmp_path / "library")
+    cfg = make_map(library.map_folder("park"), 1)
+    (cfg.parent / read_map(cfg).satellite.path).write_bytes(plan("JPEG", 6))
+    with library.database.write() as session:
+        account = Account(name="ana", is_owner=True)
+        session.add(account)
+    with pytest.raises(UsageError, match="is turned by its EXIF orientation") as caught:
+        adopt_map.adopt_map(library, "park", account_id=account.id)
+    assert "import a zip" in caught.value.hint
+    library.database.close()

@@ -310,3 +310,11 @@ def test_a_question_for_changes_asks_for_the_map_once_and_an_edit_for_its_photo(
     assert edit(client, park, {"id": 1, "x_px": 5.0, "y_px": 6.0}).status_code == 200
     before = asked[: next(n for n, sent in enumerate(asked) if sent.startswith("UPDATE photo"))]
     assert sum("FROM photo " in " ".join(sent.split()) for sent in before) == 1
+
+
+@pytest.mark.parametrize("kind", ["remove", "move"])
+def test_a_change_without_a_field_is_refused(client, park, kind):
+    answer = client.patch(f"{API}/{park}/experiences", json={"kind": kind, "changes": [{"id": 0}]})
+    assert answer.status_code == 400 and answer.json["error"]["where"] == "photo/0"
+    assert "DELETE" in answer.json["error"]["hint"]
+    assert client.patch(f"{API}/{park}/experiences/0", json={}).status_code == 400

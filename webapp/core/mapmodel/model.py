@@ -9,7 +9,7 @@ from typing import Any
 from webapp.core.boxes import BlurBox
 from webapp.core.geo.floors import BASE_FLOOR, Floor
 from webapp.core.geo.georeference import Georeference
-from webapp.core.geo.types import MapPixel
+from webapp.core.geo.types import LatLon, MapPixel
 from webapp.core.mapmodel.control_points import GroundControlPoint
 from webapp.core.mapmodel.facts import Edited, Fact, FixedForm, NumberForm, TextForm, fact
 from webapp.core.mapmodel.notes import NOTE_TEXT, MapNote
@@ -121,6 +121,10 @@ def facts_of(photo: MapPhoto) -> dict[str, Any]:
 @dataclass(frozen=True, slots=True)
 class UnplacedPhoto(MapPhoto):
     """A photo in the tray: of the map, but without a position."""
+
+    _: KW_ONLY
+    gps: LatLon | None = None
+    """Where it was taken by its GPS, a file beside it or a list."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -55,7 +55,7 @@ _TITLE_BYTES = 5000
 """The beginning of a `map.json`, with its title, as `format_map_json` writes it."""
 
 _MAX_NAME_BYTES = 200
-_TEXT = frozenset({".cfg", ".json"})
+_TEXT = frozenset({".cfg", ".json", ".xmp"})
 _WANTED = PHOTO_SUFFIXES | _TEXT | {".gif"}
 _IGNORED_FOLDERS = frozenset({"__MACOSX", "derived"})
 _BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError, ValueError)

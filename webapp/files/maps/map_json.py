@@ -9,7 +9,7 @@ from dataclasses import fields as dataclass_fields
 
 from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.georeference import Georeference
-from webapp.core.geo.types import MapPixel
+from webapp.core.geo.types import LatLon, MapPixel
 from webapp.core.mapmodel.checks import MAX_NUMBER
 from webapp.core.mapmodel.model import FACTS, Experience, Map, MapLists, MapPhoto, Placement, UnplacedPhoto
 from webapp.errors import GeoreferenceError, MapError, MapJsonError
@@ -179,9 +179,17 @@ def _photo(item: JsonField) -> tuple[int, MapJsonPhoto]:
 
 
 def _unplaced(item: JsonField) -> tuple[int, UnplacedPhoto]:
-    fields = item.record(required=("id", "photo"), optional=tuple(FACTS))
+    fields = item.record(required=("id", "photo"), optional=("gps_lat", "gps_lon", *FACTS))
     id, photo = fields["id"].integer(largest=MAX_NUMBER), fields["photo"].text()
-    return id, UnplacedPhoto(id, photo, **parse_facts(fields))
+    lat, lon = fields["gps_lat"], fields["gps_lon"]
+    if lat.missing != lon.missing:
+        raise item.error("has only one of gps_lat and gps_lon", hint="give both or none")
+    gps = None if lat.missing else LatLon(_degrees(lat, most=90), _degrees(lon, most=180))
+    return id, UnplacedPhoto(id, photo, gps=gps, **parse_facts(fields))
+
+
+def _degrees(field: JsonField, *, most: int) -> float:
+    return field.number(f"from -{most} to {most}", valid=lambda v: abs(v) <= most)
 
 
 def _georeference(field: JsonField) -> Georeference | None:
@@ -208,7 +216,8 @@ def _position_fields(position: MapPixel) -> dict[str, object]:
 def _photo_fields(photo: Experience | UnplacedPhoto, *, by_gps_anywhere: bool = False) -> dict[str, object]:
     present = {name: value for name, value in fact_fields(photo).items() if value is not None}
     if not isinstance(photo, Experience):
-        return {"id": photo.id, "photo": photo.photo, **present}
+        gps = {} if photo.gps is None else {"gps_lat": photo.gps.lat, "gps_lon": photo.gps.lon}
+        return {"id": photo.id, "photo": photo.photo, **gps, **present}
     if by_gps_anywhere:
         return {"id": photo.id, "photo": photo.photo, **present, "by_gps": True}
     position = _position_fields(photo.position)

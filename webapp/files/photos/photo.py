@@ -23,6 +23,9 @@ from webapp.files.photos.xmp import locate, panorama_notes, read_xmp
 from webapp.settings import PhotoLimits
 from webapp.threads import permit
 
+POSITION_FROM = "its position is from "
+"""How the remark on the source of a position begins."""
+
 _MAKER, _MODEL = 0x010F, 0x0110
 _DECODING = BoundedSemaphore(2)
 """Limit of parallel decoding: a photo of the largest size takes several hundred MB."""
@@ -65,7 +68,7 @@ def remarks(facts: PhotoFacts) -> tuple[str, ...]:
     """Return sentences about a photo's file: where its position is from, unless from EXIF, and the notes."""
     gps = facts.gps
     if isinstance(gps, Gps) and gps.source != EXIF:
-        return (f"its position is from {gps.source}", *facts.notes)
+        return (f"{POSITION_FROM}{gps.source}", *facts.notes)
     return facts.notes
 
 

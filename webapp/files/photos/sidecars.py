@@ -13,6 +13,7 @@ from typing import Any
 from webapp.errors import MapJsonError
 from webapp.files.decode import PHOTO_SUFFIXES
 from webapp.files.json_fields import parse_json
+from webapp.files.listing import DERIVED, list_files
 from webapp.files.photos.exif import number
 from webapp.files.photos.exif_gps import Gps, NoGps, agree, read_gps
 from webapp.files.photos.photo import PhotoFacts
@@ -71,6 +72,12 @@ class Sidecars:
     def photo_of(self, name: str) -> str | None:
         """Return the photo that a file belongs to."""
         return self._photo_of.get(name)
+
+
+def sidecars_in(folder: Path, *, but: Path | None = None) -> Sidecars:
+    """Find the sidecars in the folder of a map; not the file `but`, nor in hidden folders or `derived`."""
+    files = list_files(folder, leave_out=[folder / DERIVED])
+    return Sidecars(name for name in files if but is None or folder / name != but)
 
 
 def choose(photo: str, names: Iterable[str]) -> list[str]:

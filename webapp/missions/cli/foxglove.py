@@ -106,11 +106,12 @@ def _poses(track: ExportTrack) -> Iterator[tuple[float, FoxglovePoint]]:
 
 def _point(poses: Poses, number: int, *, colour: RGB) -> FoxglovePoint:
     lat, lon = poses.latlon[number].tolist()
-    heading = float(poses.heading_deg[number])
+    heading, height = float(poses.heading_deg[number]), float(poses.height_m[number])
     east, north, both = poses.covariance_m2[number].tolist()
     return FoxglovePoint(
         LatLon(lat, lon),
         colour,
         covariance_m2=None if math.isnan(east) else (east, north, both),
         heading_deg=None if math.isnan(heading) else heading,
+        height_m=None if math.isnan(height) else height,
     )

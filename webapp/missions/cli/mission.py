@@ -24,6 +24,7 @@ from webapp.missions.files.track_reader import listed, with_axes
 from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import export as export_mission
+from webapp.missions.tasks import fuse as fuse_tracks
 from webapp.missions.tasks import import_file, read_track
 from webapp.missions.tasks.export import FORMATS
 from webapp.missions.tasks.import_file import TrackImport
@@ -151,6 +152,28 @@ def export(mission: int, file: Path, form: str | None, library: Path | None) -> 
         else:
             write_pieces(file, download.pieces)
             click.echo(file)
+
+
+@click.command()
+@click.argument("mission", type=int)
+@click.option(
+    "--odometry", type=int, metavar="TRACK",
+    help="Id of the odometry to correct, if the mission has several.  [default: the longest]",
+)  # fmt: skip
+@library_option
+def fuse(mission: int, odometry: int | None, library: Path | None) -> None:
+    """Fuse the tracks of the mission with the number MISSION into a corrected one."""
+    with _opened(library) as place:
+        with place.database.read() as session:
+            _known(session.get(Mission, mission), mission)
+        with terminal_progress("fusing") as progress:
+            report = fuse_tracks.fuse_mission(
+                place, mission, write=place.database.write, progress=progress, odometry=odometry
+            )
+    used = f"odometry {report['odometry']} {report['odometry_name']!r}"
+    click.echo(f"{report['poses']} poses from {used if report['odometry'] else 'fixes without odometry'}")
+    for one in report["fixes"]:
+        click.echo(f"{one['source']}: {one['used']} fixes used, {one['gated']} left out")
 
 
 def _form_of(file: Path) -> str:

@@ -11,6 +11,7 @@ from webapp.missions.files.readers import (
     ardupilot,
     csv_reader,
     fit,
+    foxglove_mcap,
     geojson_reader,
     gpx,
     igc,
@@ -28,6 +29,7 @@ from webapp.missions.files.track_format import Beginning, Selection, TrackFormat
 FORMATS: dict[str, TrackFormat] = {
     entry.name: entry
     for entry in (
+        foxglove_mcap.FORMAT,
         *rosbag.FORMATS,
         gpx.FORMAT,
         tcx.FORMAT,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from typing import Any, cast
@@ -39,6 +39,9 @@ LOCK = "fusion.lock"
 MOST_TOLD = 1000
 """Maximum number of rejected fixes listed in a report."""
 
+_MOST_NAMED = 10
+"""Maximum number of tracks named in an error."""
+
 _FIXES: tuple[Source, ...] = ("gps", "visual", "manual")
 
 Write = Callable[[], AbstractContextManager[Session]]
@@ -52,53 +55,105 @@ class SourceFixes:
     kept: NDArray[np.int64]
 
 
-def queue(session: Session, mission: Mission, *, account_id: int) -> Job:
-    """Queue the fusion; `session` must be that of a write transaction."""
+def queue(session: Session, mission: Mission, *, account_id: int, odometry: int | None = None) -> Job:
+    """Queue the fusion; `session` must be that of a write transaction. Raises UsageError."""
+    _find_odometry(session, mission.id, odometry)
     return jobs.enqueue(
         session,
         JOB,
         map_id=mission.map_id,
         account_id=account_id,
-        arguments={"mission": mission.id},
-        key=str(mission.id),
+        arguments={"mission": mission.id, "odometry": odometry},
+        key=str(mission.id) if odometry is None else f"{mission.id}/{odometry}",
     )
 
 
-def fuse_mission(library: Library, mission_id: int, *, write: Write, progress: Progress) -> dict[str, Any]:
+@dataclass(frozen=True, slots=True)
+class _Odometry:
+    """The odometry of a mission."""
+
+    used: Track | None
+    others: tuple[Track, ...]  # Driven too, but not used
+    planned: tuple[Track, ...]
+
+
+def _find_odometry(session: Session, mission_id: int, chosen: int | None) -> _Odometry:
+    """Find the odometry to correct: that with the id `chosen`, or the longest.
+
+    Raises:
+        UsageError: The mission has no such track, or none is chosen of several from the same time.
+    """
+    found = [track for track in tracks.list_tracks(session, mission_id) if track.timed]
+    moved = [track for track in found if track.source == "odometry"]
+    names = driven_tracks(track.name for track in moved)
+    driven = [track for track in moved if track.name in names]
+    longest = max(driven, key=lambda t: t.distance_m, default=None)
+    used = longest if chosen is None else next((t for t in moved if t.id == chosen), None)
+    if chosen is not None and used is None:
+        raise UsageError(
+            f"the mission has no odometry with the id {chosen}", where="odometry", hint=_listed(moved)
+        )
+    if chosen is None and used is not None and any(_meet(used, t) for t in driven if t is not used):
+        raise UsageError(
+            "the mission has several tracks of odometry from the same time",
+            where="odometry",
+            hint=f"choose one by its id: {_listed(driven)}",
+        )
+    others = tuple(track for track in driven if track is not used)
+    return _Odometry(used, others, tuple(track for track in moved if track not in (used, *driven)))
+
+
+def _meet(a: Track, b: Track) -> bool:
+    """Return whether two tracks were recorded at the same time."""
+    a_begin, a_end, b_begin, b_end = (
+        math.nan if time_s is None else time_s
+        for time_s in (a.first_time_s, a.last_time_s, b.first_time_s, b.last_time_s)
+    )
+    return a_begin < b_end and b_begin < a_end
+
+
+def _listed(found: Sequence[Track]) -> str:
+    named = [f"{track.id} ({track.name or 'odometry'}, {track.distance_m:.0f} m)" for track in found]
+    more = f" and {len(named) - _MOST_NAMED} more" if len(named) > _MOST_NAMED else ""
+    return (", ".join(named[:_MOST_NAMED]) or "it has none") + more
+
+
+def fuse_mission(
+    library: Library, mission_id: int, *, write: Write, progress: Progress, odometry: int | None = None
+) -> dict[str, Any]:
     """Fuse odometry and fixes of a mission; the fused track is replaced atomically.
 
     Args:
         write: Opens a write transaction.
+        odometry: Id of the track to correct; needed if there are several from the same time.
 
     Returns:
         The report, which is also stored in the mission's folder.
 
     Raises:
-        UsageError: The mission cannot be fused, for instance without fixes.
+        UsageError: The mission cannot be fused, for instance without fixes, or with several tracks of
+            odometry of which none is chosen.
         NotFound: The mission no longer exists.
         Cancelled
     """
     with library.database.read() as session:
         session.get_one(Mission, mission_id)
         found = [track for track in tracks.list_tracks(session, mission_id) if track.timed]
-        moved = [track for track in found if track.source == "odometry"]
-        names = driven_tracks(track.name for track in moved)
-        driven = [track for track in moved if track.name in names]
-        reckoned = max(driven, key=lambda t: t.distance_m, default=None)
-        odometry = None if reckoned is None else _read(session, reckoned)[0]
+        moved = _find_odometry(session, mission_id, odometry)
+        path = None if moved.used is None else _read(session, moved.used)[0]
         fixed = {source: f for source in _FIXES if (f := _fixes(session, found, source)) is not None}
     progress.size(3)
     progress.note("fusing odometry and fixes")
-    fusion = fuse(odometry, {s: f.poses for s, f in fixed.items()}, check=lambda _: progress.check())
+    fusion = fuse(path, {s: f.poses for s, f in fixed.items()}, check=lambda _: progress.check())
     if isinstance(fusion, NoFusion):
         raise UsageError(
             fusion.reason, where=f"mission {mission_id}", hint="send GPS positions, or photos to be localized"
         )
     progress.advance(2)
     gated = [one for source, fixes in fixed.items() for one in _gated(fusion, source, fixes)]
-    report = _report(fusion, fixed, odometry=reckoned)
+    report = _report(fusion, fixed, odometry=moved.used)
     report |= {"gated": sorted(gated, key=lambda one: one["time_s"])[:MOST_TOLD]}
-    report |= {"planned": [track.id for track in moved if track not in driven]}
+    report |= {"others": [track.id for track in moved.others], "planned": [t.id for t in moved.planned]}
     while not _kept(library, mission_id, write=write, poses=fusion.poses, gated=gated, report=report):
         with FileLock(library.inner / LOCK):
             pass  # wait outside the write transaction, so as not to block other writers
@@ -174,6 +229,7 @@ def _fixes(session: Session, found: list[Track], source: Source) -> SourceFixes 
 def _report(fusion: Fusion, fixed: Mapping[Source, SourceFixes], *, odometry: Track | None) -> dict[str, Any]:
     return {
         "odometry": None if odometry is None else odometry.id,
+        "odometry_name": None if odometry is None else odometry.name,
         "poses": len(fusion.poses),
         "errors": {
             "odometry": fusion.fit.odometry,

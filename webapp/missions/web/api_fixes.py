@@ -27,6 +27,7 @@ from webapp.tasks.localize.upload import LocalizeRequest, UploadedPhoto
 from webapp.tasks.maps.library_map import georeference
 from webapp.web.body_limits import limit_photo
 from webapp.web.context import account, library, settings
+from webapp.web.fields import RecordNumber
 from webapp.web.localize.answers import Located
 from webapp.web.localize.api_localize import map_cache, received
 from webapp.web.openapi import file_answer
@@ -92,6 +93,19 @@ class QueuedOut(Schema):
     job = Integer(metadata={"description": "Id of the job."})
 
 
+class FuseIn(Schema):
+    """How to fuse."""
+
+    odometry = RecordNumber(
+        load_default=None,
+        allow_none=True,
+        metadata={
+            "description": "Id of the odometry to correct, which has to be chosen if several are from the "
+            "same time; by default the longest."
+        },
+    )
+
+
 class StatisticsOfFixesOut(Schema):
     """Statistics of the fixes of a source."""
 
@@ -115,6 +129,8 @@ class FusionOut(Schema):
     track = Integer(metadata={"description": "Id of the corrected track."})
     revision = Integer(metadata={"description": "Of the mission, when it was written."})
     odometry = Integer(allow_none=True, metadata={"description": "Id of the track that was corrected."})
+    odometry_name = String(allow_none=True, metadata={"description": "Its name, often its topic."})
+    others = List(Integer(), metadata={"description": "Ids of further odometry, which was not used."})
     poses = Integer()
     errors = Dict(
         metadata={
@@ -184,12 +200,15 @@ def fix_later(mission_id: int, sha256: str) -> dict[str, int]:
 
 
 @blueprint.post("/fuse")
+@mission_role("editor")
+@blueprint.input(FuseIn, arg_name="given")
 @blueprint.output(QueuedOut, status_code=202)
-def fuse(mission_id: int) -> dict[str, int]:
+def fuse(mission_id: int, given: dict[str, Any]) -> dict[str, int]:
     """Queue the fusion of odometry, GPS and visual fixes to a corrected track."""
     mission = open_mission(mission_id, "editor")
     with library().database.write() as session:
-        job = fuse_mission.queue(session, session.get_one(Mission, mission.id), account_id=account().id)
+        row = session.get_one(Mission, mission.id)
+        job = fuse_mission.queue(session, row, account_id=account().id, odometry=given["odometry"])
         return {"job": job.id}
 
 

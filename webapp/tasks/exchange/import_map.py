@@ -27,7 +27,7 @@ from webapp.tasks import staging
 from webapp.tasks.exchange import import_tray
 from webapp.tasks.maps import adopt_map, check_map
 from webapp.tasks.relative_paths import relative_finding, show_relative_to
-from webapp.tasks.satellite.upright import make_plan_upright
+from webapp.tasks.satellite.upright import make_floors_upright, make_plan_upright
 
 
 def choose_map(unpacked: UnpackedMap) -> Path:
@@ -232,6 +232,7 @@ def _unpacked(library: Library, archive: Path, *, settings: Settings, progress: 
         _check_lines(unpacked, most=settings.imports.max_files)
         cfg = choose_map(unpacked)
         make_plan_upright(cfg, scratch=place, settings=settings)
+        make_floors_upright(cfg, scratch=place, settings=settings)
         with show_relative_to(cfg.parent):
             tray = import_tray.set_aside(cfg, place / "tray")
             progress.note("checking")

@@ -10,6 +10,7 @@ from webapp.files.atomic import storage_error
 from webapp.files.listing import folded, list_photos
 from webapp.files.maps.cfg import read_bytes
 from webapp.files.maps.cfg_scan import scan
+from webapp.files.photos.sidecars import sidecars_in
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
 from webapp.store.schema import Photo
@@ -35,8 +36,12 @@ def set_aside(cfg: Path, folder: Path) -> Tray:
     """
     orphans = orphan_photos(cfg, scan(read_bytes(cfg)), present=list_photos(cfg.parent))
     names = tuple(name.removeprefix(f"{UNPLACED}/") for name in orphans if name.startswith(f"{UNPLACED}/"))
+    there = cfg.parent / UNPLACED
+    beside = sidecars_in(there) if there.is_dir() else None
     for name in names:
-        _move(cfg.parent / UNPLACED / name, folder / name, name=name)
+        for file in (name, *(() if beside is None else beside.of(name))):
+            if not (folder / file).exists():  # two photos may share one
+                _move(there / file, folder / file, name=file)
     _drop_empty(cfg.parent / UNPLACED)
     return Tray(folder, names)
 
@@ -58,11 +63,13 @@ def take_back(
     names = _Names(cfg.parent)
     listed = {photo.photo: photo for photo in contents.map.unplaced}
     free = contents.map.next_id
+    beside = sidecars_in(tray.folder) if tray.names else None
     for name in tray.names:
         progress.check()
         listing = listed.get(name)
         try:
-            row = adopt_map.tray_row(tray.folder / name, known=listing, limits=limits)
+            others = [tray.folder / other for other in (beside.of(name) if beside else ())]
+            row = adopt_map.tray_row(tray.folder / name, known=listing, beside=others, limits=limits)
         except PhotoError as error:
             left_out.append(f"{UNPLACED}/{name}: {error.message}")
             continue

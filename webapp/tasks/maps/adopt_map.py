@@ -5,7 +5,9 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Collection, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from sqlalchemy import select
@@ -16,11 +18,12 @@ from webapp.core.mapmodel.notes import MOST_NOTES
 from webapp.errors import Conflict, MapError, PhotoError, UsageError
 from webapp.files.decode import check_decodes
 from webapp.files.listing import normal_name
-from webapp.files.maps.folder import MapFolder, read_map
+from webapp.files.maps.folder import MapFolder, json_path, read_map
 from webapp.files.maps.lists import LISTS
 from webapp.files.maps.map_json import georeference_fields
 from webapp.files.photos.exif_gps import Gps
-from webapp.files.photos.photo import PhotoFacts, read_facts, read_file, remarks
+from webapp.files.photos.photo import POSITION_FROM, PhotoFacts, read_facts, read_file, remarks
+from webapp.files.photos.sidecars import Sidecars, read_sidecars, sidecars_in, with_sidecars
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
 from webapp.store.library import Library
@@ -31,6 +34,7 @@ from webapp.store.schema import MapRecord, Member, Photo, PlacedElsewhere
 from webapp.tasks.maps.export import file_sha256
 from webapp.tasks.maps.library_map import fact_columns
 from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, PYRAMID_JOB
+from webapp.tasks.satellite.upright import turned_note
 
 _LARGEST_NEXT_ID = 2_000_000_000
 _SLUG = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,79}")
@@ -84,8 +88,9 @@ def adopt_map(
             f"{slug!r} is not a valid name for a map of the library",
             hint="rename the folder: letters, digits, -",
         )
-    limits = (settings or Settings()).photo
-    contents = read(library.cfg(slug), limits=limits, progress=progress or Progress())
+    settings = settings or Settings()
+    contents = read(library.cfg(slug), limits=settings.photo, progress=progress or Progress())
+    _check_upright(library.cfg(slug), contents.map, settings)
     for problem in contents.problems:
         (progress or Progress()).note(problem)
     title = name or contents.map.title or slug.replace("-", " ").capitalize()
@@ -98,6 +103,21 @@ def adopt_map(
         session.add(Member(map_id=record.id, account_id=account_id, role="owner"))
         fill(session, record, contents)
         return record.id
+
+
+def _check_upright(cfg: Path, map_: Map, settings: Settings) -> None:
+    """Refuse images that EXIF turns: they would have to be changed, as viewers differ in showing them."""
+    floors = (floor.image.path for floor in map_.floors if floor.image)
+    for name in (map_.satellite.path, *floors):
+        with suppress(MapError):  # missing: the linter reports it
+            path = MapFolder(cfg).path(name)
+            note = turned_note(path, settings)
+            if note is not None:
+                raise UsageError(
+                    f"the image {name} is turned by its EXIF orientation",
+                    where=str(cfg),
+                    hint="import a zip of the folder, which makes it upright, or turn it and save it again",
+                )
 
 
 def read(
@@ -184,13 +204,20 @@ def distinct_hash(sha256: str, id: int) -> str:
     return hashlib.sha256(f"{sha256}/{id}".encode()).hexdigest()
 
 
-def tray_row(path: Path, *, known: UnplacedPhoto | None = None, limits: PhotoLimits) -> Photo:
+def tray_row(
+    path: Path, *, known: UnplacedPhoto | None = None, beside: Iterable[Path] = (), limits: PhotoLimits
+) -> Photo:
     """Make the record of a photo without a position, not yet assigned to a map, without id and path.
 
-    Its facts in `map.json`, `known`, take precedence over EXIF.
+    Its facts in `map.json`, `known`, take precedence over those of its file and of files `beside` it.
     """
     row = Photo(**fact_columns(known or UnplacedPhoto(0, path.name)))
-    _read_photo(path, limits=limits).complete(row)
+    _read_photo(path, beside=beside, limits=limits).complete(row)
+    if known is not None and known.gps is not None and known.gps != (row.gps_lat, row.gps_lon):
+        (row.gps_lat, row.gps_lon), row.gps_problem = known.gps, None
+        row.gps_accuracy_m = known.gps_accuracy_m
+        said = (note for note in row.file_notes or () if not note.startswith(POSITION_FROM))
+        row.file_notes = [f"{POSITION_FROM}map.json", *said]
     return row
 
 
@@ -218,12 +245,15 @@ class _PhotoFile:
             row.gps_problem = facts.gps.reason
 
 
-def _read_photo(path: Path, *, limits: PhotoLimits, is_decoded: bool = False) -> _PhotoFile:
-    """Read the file of a photo; raises `PhotoError`."""
+def _read_photo(
+    path: Path, *, limits: PhotoLimits, beside: Iterable[Path] = (), is_decoded: bool = False
+) -> _PhotoFile:
+    """Read the file of a photo and its sidecars; raises `PhotoError`."""
     if not is_decoded:
         check_decodes(path, limits=limits)
     data = read_file(path, limits=limits)
-    return _PhotoFile(hashlib.sha256(data).hexdigest(), len(data), read_facts(data, limits=limits))
+    facts = with_sidecars(read_facts(data, limits=limits), read_sidecars(beside))
+    return _PhotoFile(hashlib.sha256(data).hexdigest(), len(data), facts)
 
 
 def check_room_for_ids(map_: Map, cfg: Path) -> None:
@@ -268,7 +298,7 @@ class PhotoFiles:
     """
 
     def __init__(self, cfg: Path, limits: PhotoLimits, *, decoded: Collection[str] = ()) -> None:
-        self._files, self._limits, self._decoded = MapFolder(cfg), limits, decoded
+        self._cfg, self._files, self._limits, self._decoded = cfg, MapFolder(cfg), limits, decoded
         self._read: dict[str, _PhotoFile | str] = {}
 
     def row(self, e: Experience) -> tuple[Photo, str | None]:
@@ -298,13 +328,21 @@ class PhotoFiles:
         file.complete(row)
         return row, None
 
+    @cached_property
+    def _sidecars(self) -> Sidecars:
+        return sidecars_in(self._cfg.parent, but=json_path(self._cfg))
+
     def _file(self, photo: str) -> _PhotoFile | str:
         """Read a photo, or return why it cannot be read."""
         name = normal_name(photo)
         if name not in self._read:
             try:
+                beside = [self._cfg.parent / other for other in self._sidecars.of(name)]
                 self._read[name] = _read_photo(
-                    self._files.path(photo), limits=self._limits, is_decoded=name in self._decoded
+                    self._files.path(photo),
+                    beside=beside,
+                    limits=self._limits,
+                    is_decoded=name in self._decoded,
                 )
             except (MapError, PhotoError) as error:
                 self._read[name] = error.message

@@ -53,6 +53,13 @@ def edit_map(library: Library, map_id: int, *, edit: RequestedEdit, account_id: 
     """
     if edit.kind not in KINDS:
         raise UsageError(f"{edit.kind!r} is not a kind of edit", where="kind", hint=f"use {', '.join(KINDS)}")
+    empty = next((id for id, fields in edit.changes.items() if not fields), None)
+    if empty is not None:
+        raise UsageError(
+            "the change has no field",
+            where=f"photo/{empty}",
+            hint="give new values; to remove photos from the map, use DELETE",
+        )
     with library.changing(map_id) as change:
         session, record = change.session, change.record
         if edit.placement is not None:

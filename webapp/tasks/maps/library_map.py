@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 
 from webapp.core.geo.floors import Floor
 from webapp.core.geo.georeference import Georeference
-from webapp.core.geo.types import MapPixel
+from webapp.core.geo.types import LatLon, MapPixel
 from webapp.core.mapmodel.control_points import GroundControlPoint
 from webapp.core.mapmodel.model import (
     FACTS,
@@ -51,7 +51,7 @@ def as_map(session: Session, record: MapRecord) -> Map | None:
         next_id=record.next_id,
         revision=record.revision,
         title=record.name,
-        unplaced=tuple(UnplacedPhoto(p.id, p.path, **_facts(p)) for p in photos if p.x_px is None),
+        unplaced=tuple(_unplaced(p) for p in photos if p.x_px is None),
         **{name: _listed(record, name) for name in LISTS},
     )
 
@@ -107,6 +107,12 @@ def _experience(photo: Photo, *, by_gps: bool) -> Experience | None:
         radius_px=photo.radius_px,
         floor=photo.floor,
     )
+
+
+def _unplaced(photo: Photo) -> UnplacedPhoto:
+    lat, lon = photo.gps_lat, photo.gps_lon
+    gps = None if lat is None or lon is None else LatLon(lat, lon)
+    return UnplacedPhoto(photo.id, photo.path, gps=gps, **_facts(photo))
 
 
 def _facts(photo: Photo) -> dict[str, Any]:

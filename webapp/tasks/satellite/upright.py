@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import secrets
 from dataclasses import dataclass, replace
@@ -17,8 +18,8 @@ from webapp.errors import MapError, PhotoError
 from webapp.extras import extra
 from webapp.files.atomic import write_bytes
 from webapp.files.decode import decode, open_image
-from webapp.files.maps.cfg import format_cfg, read_cfg
-from webapp.files.maps.folder import MapFolder, json_path
+from webapp.files.maps.cfg import format_cfg, read_bytes, read_cfg
+from webapp.files.maps.folder import MapFolder, json_path, read_map_json
 from webapp.files.photos.exif import orientation, read_exif
 from webapp.files.photos.photo import read_facts, turn_upright
 from webapp.files.satellite.keep import QUALITY, keep_file, writing
@@ -206,6 +207,36 @@ def make_plan_upright(cfg: Path, *, scratch: Path, settings: Settings) -> None:
         _rewrite(one, map_, name=name, shape=shape if moved else None)
     if all(e.photo != map_.satellite.path for e in map_.experiences):
         path.unlink()
+
+
+def make_floors_upright(cfg: Path, *, scratch: Path, settings: Settings) -> None:
+    """Make the images of the floors of an unpacked map upright, and of a format that is shown.
+
+    If only the stored pixels have the size that the map states, they are kept as they are, without the
+    orientation. Parameters and errors are those of `make_plan_upright`.
+    """
+    path = json_path(cfg)
+    try:
+        floors = read_map_json(cfg).floors
+    except MapError:
+        return
+    names: dict[str, str] = {}
+    for image in (floor.image for floor in floors if floor.image is not None):
+        try:
+            file = MapFolder(cfg).path(image.path)
+        except MapError:
+            continue
+        size = (image.width, image.height)
+        copy = upright_copy(file, scratch=scratch, settings=settings, described=size)
+        if copy is not None:
+            names[image.path] = keep_file(copy, cfg.parent)
+    if names:
+        content = json.loads(read_bytes(path))
+        for floor in content["floors"]:
+            image_fields = floor.get("image") or {}
+            if image_fields.get("path") in names:
+                image_fields["path"] = names[image_fields["path"]]
+        write_bytes(path, json.dumps(content, indent=1, ensure_ascii=False).encode("utf-8", "surrogatepass"))
 
 
 def _rewrite(cfg: Path, of: Map, *, name: str, shape: _Shape | None) -> None:

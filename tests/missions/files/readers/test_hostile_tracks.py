@@ -46,6 +46,8 @@ def saved(tmp_path):
         ("mcap zstd", HUGE, "claims to hold 600 MB"),
         ("mcap lz4", 300_000_000, "claims to hold 300 MB"),
         ("mcap that lies", HUGE, "another size than it should"),
+        ("foxglove zstd", HUGE, "claims to hold 600 MB"),
+        ("foxglove empty", HUGE, "records without content"),
         ("bag bz2", HUGE, "claims to hold 600 MB"),
         ("bag lz4 that lies", 300_000_000, "another size than it should"),
         ("computed column", 900_000_000, "a computed column"),

@@ -118,12 +118,10 @@ def limited_reader2(path: Path, *, used: Collection[str]) -> Reader2:
     """
     with extra("missions"):
         import apsw
-        from lz4.frame import LZ4FrameDecompressor
         from rosbags.rosbag2 import Reader, storage_mcap
 
-    # rosbags passes the stated size, but its own functions ignore it; its zstd is that of the Python version
-    zstd = vars(storage_mcap)["zstd"].ZstdDecompressor
-    for name, start in (("lz4", LZ4FrameDecompressor), ("zstd", zstd)):
+    # rosbags passes the stated size, but its own functions ignore it
+    for name, start in mcap_decompressors().items():
         storage_mcap.DECOMPRESSORS[name] = partial(_unpacked_mcap, start=start)
     if check_database not in apsw.connection_hooks:
         apsw.connection_hooks.append(check_database)
@@ -136,6 +134,16 @@ def limited_reader2(path: Path, *, used: Collection[str]) -> Reader2:
             _check_or_close(self, self.storage.connections, used=used)
 
     return Limited(path)
+
+
+def mcap_decompressors() -> dict[str, Callable[[], _Decompressor]]:
+    """Return what makes the decompressor of a chunk of MCAP, by the name of its compression."""
+    with extra("missions"):
+        from lz4.frame import LZ4FrameDecompressor
+        from rosbags.rosbag2 import storage_mcap
+
+    # its zstd is that of the Python version
+    return {"lz4": LZ4FrameDecompressor, "zstd": vars(storage_mcap)["zstd"].ZstdDecompressor}
 
 
 def _unpacked_mcap(data: bytes, size: int, *, start: Callable[[], _Decompressor]) -> bytes:
