@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from webapp.cli.options import (
     sequence_options,
 )
 from webapp.cli.progressbar import terminal_progress
+from webapp.core.hypotheses.model import Answer
 from webapp.errors import UsageError
 from webapp.files.localize import queries_csv
 from webapp.render import evaluation_folder
@@ -131,7 +133,7 @@ def evaluate(
         for look in pipeline.looks:
             report_failed(look.opened.built)
         progress.note("queries")
-        localize = pipeline.localize
+        localize: Callable[..., Answer] = pipeline.localize
         if smooth and queries is not None:
             frames = [query.path for query in queries_csv.select(queries_csv.read(queries), limit)]
             localize = smooth_sequence(pipeline, frames, progress=progress, speed_px=speed).localize

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -174,7 +175,7 @@ def localize(
         pipeline = open_pipeline(
             map_file, open_options(chosen), settings=settings, progress=progress, fov_deg=chosen["fov"]
         )
-        localize_photo = pipeline.localize
+        localize_photo: Callable[..., Answer] = partial(pipeline.localize, on_first=_show_first)
         if smooth:
             smoothed = smooth_sequence(pipeline, photos, progress=progress, speed_px=speed, steps=steps)
             localize_photo = smoothed.localize
@@ -210,6 +211,12 @@ def localize(
         again = pipeline.method == "auto" and chosen["features"] == "auto" and without_models
         click.echo(_LOOK_AGAIN if again else _LOOK_CLOSER, err=True)
     sys.exit(exitcodes.SOME_FAILED if failed else exitcodes.DONE)
+
+
+def _show_first(answer: Answer) -> None:
+    """Show the answer of the first look on a terminal while the second one is taken."""
+    if sys.stderr.isatty():
+        click.echo(f"first look: {_verdict(answer)}; looking again …", err=True)
 
 
 def _refuse_unwritable(path: Path | None, option: str) -> None:

@@ -56,6 +56,19 @@ def test_an_unsure_answer_gets_a_second_look_and_a_sure_one_does_not(cfg, with_m
     assert ask(pipeline, cfg).looks == ("sift",)
 
 
+def test_the_first_look_is_reported_before_the_second(cfg, with_models, monkeypatch):
+    pipeline, photo = open_auto(cfg, with_models), cfg.parent / "photos" / "3.jpg"
+    monkeypatch.setattr(looks, "CERTAIN", 1.1)
+    first = []
+    both = pipeline.localize(photo, top=3, on_first=first.append)
+    assert [answer.looks for answer in (*first, both)] == [("sift",), ("sift", "aliked")]
+    alone = replace(pipeline, looks=pipeline.looks[:1]).localize(photo, top=3)
+    assert first[0].hypotheses == alone.hypotheses
+    monkeypatch.setattr(looks, "CERTAIN", 0.0)
+    pipeline.localize(photo, top=3, on_first=first.append)
+    assert len(first) == 1
+
+
 def test_the_network_matches_the_best_photos_only(cfg, with_models):
     pipeline = open_auto(cfg, with_models)
     indexed = pipeline.looks[1].opened.indexed

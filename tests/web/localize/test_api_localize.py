@@ -17,6 +17,7 @@ from webapp.store.accounts import accounts
 from webapp.store.schema import Job, MapRecord, QueryRecord
 from webapp.tasks.landmarks.on_demand import NOT_YET
 from webapp.tasks.localize import readiness, upload
+from webapp.tasks.localize.pipeline import LocalizationPipeline
 from webapp.tasks.localize.plan import OpenOptions
 from webapp.tasks.maps import adopt_map
 from webapp.web.localize import api_localize
@@ -52,6 +53,57 @@ def test_a_query_is_found_and_remembered(client, sample, ask, queries):
     assert reported["answer"].keys() == KEYS
     assert {key: answer[key] for key in KEYS} == reported["answer"]
     assert (reported["who"], reported["name"], reported["adopted"]) == ("owner", "query_01.jpg", None)
+
+
+def as_events(client, ask, *photos, **options):
+    """Localize photos as a client that accepts events; its response, and (kind, data) of each event."""
+    client.environ_base["HTTP_ACCEPT"] = "text/event-stream, application/json;q=0.5"
+    response = ask(client, *photos, **options)
+    blocks = response.get_data(as_text=True).split("\n\n")[:-1] if response.status_code == 200 else []
+    lines = [block.split("\n") for block in blocks]
+    return response, [(kind.removeprefix("event: "), json.loads(data[6:])) for kind, data in lines]
+
+
+def test_the_first_look_is_sent_before_the_answer(client, sample, ask, queries, monkeypatch):
+    response, events = as_events(client, ask, queries / "query_01.jpg")
+    assert response.mimetype == "text/event-stream"
+    assert [kind for kind, _ in events] == ["answer"]
+    run = LocalizationPipeline.observe
+
+    def twice(pipeline, photo, *, on_first, **options):
+        answer = run(pipeline, photo, **options)
+        on_first(answer)
+        return answer
+
+    monkeypatch.setattr(LocalizationPipeline, "observe", twice)
+    _, ((first, so_far), (kind, answer)) = as_events(client, ask, queries / "query_01.jpg")
+    assert (first, kind, so_far.keys(), answer.keys()) == (
+        "first",
+        "answer",
+        KEYS,
+        KEYS | {"id", "calibrated", "not_indexed"},
+    )
+    assert {key: so_far[key] for key in KEYS} == {key: answer[key] for key in KEYS}
+    assert client.get(f"/api/v1/maps/sample/queries/{answer['id']}").get_json()["answer"] == so_far
+
+
+def test_an_error_before_the_first_event_has_its_status(client, sample, ask):
+    response, _ = as_events(client, ask, (io.BytesIO(b"no photo"), "a.jpg"))
+    assert response.status_code == 422
+    assert response.get_json()["error"]["where"] == "a.jpg"
+
+
+def test_an_error_after_the_first_look_is_an_event(client, sample, ask, queries, monkeypatch):
+    run = LocalizationPipeline.observe
+
+    def fail(pipeline, photo, *, on_first, **options):
+        on_first(run(pipeline, photo, **options))
+        raise StorageError("the disk is full")
+
+    monkeypatch.setattr(LocalizationPipeline, "observe", fail)
+    _, ((first, _), (kind, data)) = as_events(client, ask, queries / "query_01.jpg")
+    assert (first, kind, data["status"]) == ("first", "error", 507)
+    assert data["error"]["message"] == "the disk is full"
 
 
 def test_a_photo_from_elsewhere_is_off_the_map(client, sample, ask, queries):

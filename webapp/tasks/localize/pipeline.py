@@ -19,7 +19,7 @@ A *look* is stages 2 to 4 with one kind of features. If the answer of the first 
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -181,29 +181,48 @@ class LocalizationPipeline:
     both: Calibration = _BOTH  # Calibration of two looks combined
     fov_deg: float | None = None  # Horizontal field of view of the queries, instead of the one in their EXIF
 
-    def localize(self, photo_path: Path, *, top: int, hide: frozenset[int] = NOTHING) -> Answer:
+    def localize(
+        self,
+        photo_path: Path,
+        *,
+        top: int,
+        hide: frozenset[int] = NOTHING,
+        on_first: Callable[[Answer], None] | None = None,
+    ) -> Answer:
         """Localize one photo by all stages.
 
         Args:
             top: Maximum number of hypotheses.
             hide: Experience ids to leave out.
+            on_first: Called with the answer of the first look, if a second one follows.
 
         Raises:
             PhotoError: The photo cannot be used.
         """
-        answer = self.observe(photo_path, top=top, hide=hide)
-        return self.limit_accuracy(apply_path_prior_to_answer(answer, self.opened.indexed.paths))
+
+        def finish(answer: Answer) -> Answer:
+            return self.limit_accuracy(apply_path_prior_to_answer(answer, self.opened.indexed.paths))
+
+        report = None if on_first is None else lambda first: on_first(finish(first))
+        return finish(self.observe(photo_path, top=top, hide=hide, on_first=report))
 
     def limit_accuracy(self, answer: Answer) -> Answer:
         """Enlarge the radii of a final answer to at least the accuracy of the map's photo positions."""
         return limit_accuracy(answer, self.opened.position_radius_px)
 
     def observe(
-        self, photo_path: Path, *, top: int, hide: frozenset[int] = NOTHING, include: frozenset[int] = NOTHING
+        self,
+        photo_path: Path,
+        *,
+        top: int,
+        hide: frozenset[int] = NOTHING,
+        include: frozenset[int] = NOTHING,
+        on_first: Callable[[Answer], None] | None = None,
     ) -> Answer:
         """Localize one photo by its content alone, before any prior. Raises PhotoError.
 
         Args:
+            on_first: Called with the answer of the first look, if a second one follows.
             include: Experience ids of which the best are verified even if the votes name none; unused by
                 `vote`.
         """
@@ -213,6 +232,8 @@ class LocalizationPipeline:
         first = one.join([one.localize(photo, hide=hide, include=include) for photo in photos])
         if not other or looks.is_certain(first):
             return photos[0].on_file(truncate(first, top))
+        if on_first is not None:
+            on_first(photos[0].on_file(truncate(first, top)))
         (two,) = other
         turns = first.quarter_turns
         upright = [replace(photo, seconds=0.0).turned(turns) for photo in photos]

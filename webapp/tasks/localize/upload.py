@@ -10,8 +10,9 @@ import hashlib
 import json
 import secrets
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from threading import BoundedSemaphore
 from typing import Any
@@ -68,6 +69,9 @@ class LocalizeRequest:
     sequence: Path | None = None  # State file of the sequence to which this is the next frame; it is updated
     # Idempotency key of the client: the answer is stored once, however often the request is sent.
     key: str | None = None
+    # Called with the JSON form of the answer so far, before a second look; not in a sequence, whose state
+    # takes only final answers.
+    on_first: Callable[[dict[str, Any]], None] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,22 +101,28 @@ def localize_uploads(cache: MapCache, map_id: int, *, request: LocalizeRequest) 
     ready = cache.get(map_id, request.options)
     pipeline = replace(ready.pipeline, fov_deg=request.fov_deg)
     hints = Hints(request.near, request.heading_deg)
+    source = pipeline.answer_source(sequence=request.sequence is not None)
+    source = replace(source, map_revision=ready.revision)
+    name = ", ".join(photo.name for photo in request.photos)
+    to_form = partial(answer_to_json, query=name, source=source)
     with permit(_THOROUGH if pipeline.method == "thorough" else _QUICK):
         include = spot.photos_in(pipeline, request.near)
-        answers = []
+        answers: list[Answer] = []
+
+        def report(first: Answer) -> None:
+            if request.on_first is not None and request.sequence is None:
+                so_far, _ = spot.combine(pipeline, [*answers, first], hints=hints, top=request.top)
+                request.on_first(to_form(so_far))
+
         for photo in request.photos:
             with show_file_as(photo.name, photo.path):
-                answers.append(pipeline.observe(photo.path, top=spot.ALL, include=include))
+                answers.append(pipeline.observe(photo.path, top=spot.ALL, include=include, on_first=report))
     if request.sequence is None:
         answer, best = spot.combine(pipeline, answers, hints=hints, top=request.top)
     else:
         frame, best = spot.combine_without_prior(pipeline, answers, hints=hints)
         answer = filter_frame(request.sequence, frame, pipeline=pipeline, top=request.top)
-    source = pipeline.answer_source(sequence=request.sequence is not None)
-    source = replace(source, map_revision=ready.revision)
-    name = ", ".join(photo.name for photo in request.photos)
-    form = answer_to_json(answer, query=name, source=source)
-    return LocalizeResult(form, answer.evidence, best, ready)
+    return LocalizeResult(to_form(answer), answer.evidence, best, ready)
 
 
 def store_result(

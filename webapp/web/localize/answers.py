@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
-from typing import Any, get_args
+import json
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future
+from itertools import chain
+from queue import SimpleQueue
+from typing import Any, Literal, get_args
 
 from apiflask import Schema
 from apiflask.fields import Boolean, Float, Function, Integer, List, Nested, String
+from flask import Response, request, stream_with_context
 from flask_babel import gettext
 
 from webapp.core.hypotheses.jsonform import answer_from_json
 from webapp.core.hypotheses.places import MAP_KINDS
 from webapp.core.hypotheses.verdict import Verdict, sentence_parts, verdict_of
+from webapp.errors import ExpMapError
 from webapp.render.colours import INK, INLIER, OUTLIER, RGB, TRUTH, probability_colour, text_on
+from webapp.threads import ContextThreads
+from webapp.web.errors import as_json, status_of
+from webapp.web.sending import PiecesWhileAllowed
 
 _STEPS = 100
+
+EVENT_STREAM = "text/event-stream"
 
 
 class CameraOut(Schema):
@@ -131,6 +143,53 @@ class AnswerOut(Located):
     id = Integer(allow_none=True, metadata={"description": "Of the answer; null for one that is not kept."})
     calibrated = Boolean(metadata={"description": "False: the probabilities are those of most maps so far."})
     not_indexed = Integer(metadata={"description": "Photos of the map that cannot be found yet."})
+
+
+def wants_events() -> bool:
+    """Return whether the client accepts an event stream, and prefers it to JSON."""
+    return request.accept_mimetypes.best_match(["application/json", EVENT_STREAM]) == EVENT_STREAM
+
+
+def stream_answer(localize: Callable[[Callable[[dict[str, Any]], None]], dict[str, Any]]) -> Response:
+    """Answer with server-sent events: `first` for the answer so far, then `answer` or `error`.
+
+    An error before the first event is raised, so that the response has its status.
+
+    Args:
+        localize: Runs in a thread, also after the client has gone; gets a function to call with the JSON form
+            of the answer so far, and returns the final form.
+    """
+    events: SimpleQueue[dict[str, Any] | Future[dict[str, Any]]] = SimpleQueue()
+    threads = ContextThreads(1)
+    final = threads.submit(localize, events.put)
+    final.add_done_callback(events.put)
+    threads.shutdown(wait=False)
+    begun = events.get()
+    if isinstance(begun, Future):
+        begun.result()  # raises the error, if it is one
+    pieces = stream_with_context(_events(chain([begun], iter(events.get, None))))
+    response = Response(PiecesWhileAllowed(pieces), mimetype=EVENT_STREAM)
+    response.headers["X-Accel-Buffering"] = "no"  # prevents nginx from buffering events
+    response.headers["Cache-Control"] = "no-store"
+    return response
+
+
+def _events(of: Iterable[dict[str, Any] | Future[dict[str, Any]]]) -> Iterator[bytes]:
+    """Encode the answers so far as events, up to the final one; an error that is a bug is raised."""
+    for one in of:
+        if not isinstance(one, Future):
+            yield _event("first", Located().dump(one))
+            continue
+        error = one.exception()
+        if isinstance(error, ExpMapError):
+            yield _event("error", {"status": status_of(error), "error": as_json(error)})
+        else:
+            yield _event("answer", AnswerOut().dump(one.result()))
+        return
+
+
+def _event(kind: Literal["first", "answer", "error"], data: Any) -> bytes:
+    return f"event: {kind}\ndata: {json.dumps(data)}\n\n".encode()
 
 
 def answer_colours() -> dict[str, Any]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -38,7 +38,7 @@ from webapp.tasks.maps.pictures import give_original
 from webapp.web.body_limits import limit_photo
 from webapp.web.context import account, library, map_role, open_map, settings
 from webapp.web.fields import Boolean, BoundedList, RecordNumber
-from webapp.web.localize.answers import AnswerOut
+from webapp.web.localize.answers import AnswerOut, stream_answer, wants_events
 from webapp.web.openapi import file_answer
 from webapp.web.operate import metrics
 from webapp.web.sending import send_picture, send_revalidated
@@ -154,8 +154,12 @@ def example_thumb(slug: str, name: str) -> Response:
 @blueprint.input(QuestionIn, location="form_and_files", arg_name="given")
 @blueprint.input(KeyIn, location="headers", arg_name="sent")
 @blueprint.output(AnswerOut)
-def localize(slug: str, *, given: dict[str, Any], sent: dict[str, str | None]) -> dict[str, Any]:
-    """Localize a photo, or several photos taken at one spot."""
+def localize(slug: str, *, given: dict[str, Any], sent: dict[str, str | None]) -> dict[str, Any] | Response:
+    """Localize a photo, or several photos taken at one spot.
+
+    With `Accept: text/event-stream` the response is server-sent events: `first` with the answer of the first
+    look, where a second one follows, and then `answer`.
+    """
     record, key = open_map(slug), sent["key"] if given["keep"] else None
     with library().database.read() as session:
         known = queries.keyed(session, record, key=key, account_id=account().id)
@@ -163,22 +167,32 @@ def localize(slug: str, *, given: dict[str, Any], sent: dict[str, str | None]) -
         return {"id": known.id, **known.answer}
     options = _options(given["method"], given["features"])
     files = [file for file in given["file"] if isinstance(file, FileStorage)]  # an empty field is not a file
-    with received(record, files, again=given.get("query")) as photos:
+    with ExitStack() as stack:
+        photos = stack.enter_context(received(record, files, again=given.get("query")))
         localize_request = replace(
             _request(photos, options, given), key=key, sequence=_sequence(record, given)
         )
-        result = readiness.localize_or_build(map_cache(), record, request=localize_request)
-        metrics.count_answer(result.form["seconds"])
-        id = None
-        if given["keep"]:
-            id = upload.store_result(
-                library(),
-                record.id,
-                result=result,
-                request=localize_request,
-                account_id=account().id,
-                settings=settings(),
-            )
+        answer = partial(_answer, record, keep=given["keep"], account_id=account().id)
+        if not wants_events():
+            return answer(localize_request)
+        kept = stack.pop_all()  # the photos are needed until the thread has finished
+
+        def localize_in_thread(on_first: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
+            with kept:
+                return answer(replace(localize_request, on_first=on_first))
+
+        return stream_answer(localize_in_thread)
+
+
+def _answer(record: MapRecord, request: LocalizeRequest, *, keep: bool, account_id: int) -> dict[str, Any]:
+    """Localize the photos of a request, and store the answer if it is to be kept."""
+    result = readiness.localize_or_build(map_cache(), record, request=request)
+    metrics.count_answer(result.form["seconds"])
+    id = None
+    if keep:
+        id = upload.store_result(
+            library(), record.id, result=result, request=request, account_id=account_id, settings=settings()
+        )
     extra = {"calibrated": result.opened.calibrated, "not_indexed": result.opened.not_indexed}
     return {"id": id, **result.form, **extra}
 
