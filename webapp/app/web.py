@@ -46,7 +46,7 @@ from webapp.web.maps import (
     api_street,
 )
 from webapp.web.maps import pages as maps_pages
-from webapp.web.operate import jobs, metrics, models
+from webapp.web.operate import doctor, jobs, metrics, models
 from webapp.web.satellite import api_georeference, api_places, api_satellite
 from webapp.web.satellite import pages as satellite_pages
 from webapp.web.sharing import api_shared, api_shared_cloud, api_shares
@@ -103,6 +103,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     metrics.blueprint,
     jobs.jobs_api,
     jobs.jobs_pages,
+    doctor.pages,
     models.pages,
     models.api,
     api_georeference.blueprint,
