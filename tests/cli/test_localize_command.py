@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from webapp.cli.localize import answer_text
 from webapp.core.geo.types import MapPixel
@@ -287,3 +288,14 @@ def test_a_budget_is_a_number_of_seconds(expmap, cfg, photos, budget):
     code, _, said = expmap("localize", cfg, photos / "1.jpg", "--budget", budget)
     assert code == 2
     assert "--budget" in said
+
+
+def test_a_stretched_photo_is_noted_in_text_and_json(expmap, cfg, photos, tmp_path):
+    """A photo of 16 bits that uses few of them, like that of a thermal camera."""
+    gray = np.asarray(Image.open(photos / "3.jpg").convert("L"), np.uint16)
+    Image.fromarray((7000 + gray * 4).astype(np.uint16)).save(tmp_path / "thermal.png")
+    options = ("--features", "sift", "--method", "vote")
+    (found,) = json.loads(expmap("localize", cfg, tmp_path / "thermal.png", "--json", *options)[1])
+    assert found["note"].startswith("its contrast was stretched: nearly all of its 16-bit values are from 7")
+    assert found["note"] in expmap("localize", cfg, tmp_path / "thermal.png", *options)[1]
+    assert "note" not in json.loads(expmap("localize", cfg, photos / "3.jpg", "--json", *options)[1])[0]

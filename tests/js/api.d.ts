@@ -109,7 +109,7 @@ export interface components {
             no_pose?: string;
             /** @description Photos of the map that cannot be found yet. */
             not_indexed?: number;
-            /** @description Why there is less than was asked for; else it is missing. */
+            /** @description Why there is less than was asked for, or how the file was read; else missing. */
             note?: string;
             /** @description That it was not taken on this map; null: not known. */
             off_map_probability?: number | null;
@@ -817,7 +817,7 @@ export interface components {
             /** Format: binary */
             file: string;
             /**
-             * @description of the new map; by default its title in the zip, else the file's name
+             * @description of the new map; by default its title in the zip, else the file's name, with a number if there is such a map
              * @default null
              */
             name: string | null;
@@ -1000,7 +1000,7 @@ export interface components {
             method?: string;
             /** @description Why there is no place; missing if there is one. */
             no_pose?: string;
-            /** @description Why there is less than was asked for; else it is missing. */
+            /** @description Why there is less than was asked for, or how the file was read; else missing. */
             note?: string;
             /** @description That it was not taken on this map; null: not known. */
             off_map_probability?: number | null;
@@ -2598,7 +2598,7 @@ export interface components {
             method?: string;
             /** @description Why there is no position; null where there is one. */
             no_pose?: string | null;
-            /** @description Why there is less than was asked for; else it is missing. */
+            /** @description Why there is less than was asked for, or how the file was read; else missing. */
             note?: string;
             /** @description That it was not taken on this map; null: not known. */
             off_map_probability?: number | null;

@@ -58,7 +58,8 @@ def answer_text(
     """
     if answer.no_pose is not None:
         where = "no place" if answer.no_pose.blank else "not on this map"
-        return f"{query}: {where} ({answer.no_pose.reason})"
+        also = f"\n   {answer.note}" if answer.note else ""
+        return f"{query}: {where} ({answer.no_pose.reason}){also}"
     names = {floor.id: floor.name for floor in floors}
     rows = [_HEAD, *(_row(h, georeference, floors=names) for h in answer.hypotheses)]
     shown = [i for i in range(len(_HEAD)) if i == 0 or any(r[i] for r in rows[1:])]

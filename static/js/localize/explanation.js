@@ -51,6 +51,8 @@ function noteText(note) {
     "no place is likely enough to look for landmarks around it": t("No place is likely enough to reconstruct what is around it."),
     "too few landmarks around this place agree with the photo": t("Too few landmarks around this place agree with the photo."),
   };
+  const stretched = note.match(/^its contrast was stretched: .* from (\d+) to (\d+)$/);
+  if (stretched) return t("The contrast was stretched: nearly all of the 16-bit values are from {low} to {high}.", { low: stretched[1], high: stretched[2] });
   return known[note] ?? note;
 }
 

@@ -8,7 +8,8 @@ from sqlalchemy import select
 from webapp.core.geo.corners import Corners, from_corners
 from webapp.core.geo.types import LatLon
 from webapp.files.maps.map_json import georeference_fields
-from webapp.store.schema import MapRecord, QueryRecord
+from webapp.store.maps import maps
+from webapp.store.schema import MapRecord, Photo, QueryRecord
 from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.maps import adopt_map
 
@@ -154,3 +155,21 @@ def test_the_time_of_an_answer_is_that_of_the_last_ones(client, evaluated, libra
                 )
             )
     assert "Answers on this map take about 4 seconds." in client.get(f"/maps/{evaluated}/localize").text
+
+
+def test_photos_that_only_wait_and_notes_change_no_answer(client, evaluated, library):
+    """A photo that is added to the tray, and a note, are no reason to evaluate again; a placed one is."""
+
+    def changed():
+        return "The map has changed since" in client.get(f"/maps/{evaluated}/quality").text
+
+    for name in ("a", "b"):
+        with library.changing(1) as change:
+            row = Photo(name=f"{name}.jpg", path=f"{name}.jpg", sha256=name, size_bytes=1, width=2, height=2)
+            maps.add_photo(change.session, change.record, row=row)
+    note = {"kind": "note", "changes": [{"id": 0, "note": "By the gate."}]}
+    assert client.patch(f"/api/v1/maps/{evaluated}/experiences", json=note).status_code == 200
+    assert not changed()
+    move = {"kind": "move", "changes": [{"id": 0, "x_px": 7, "y_px": 9}]}
+    assert client.patch(f"/api/v1/maps/{evaluated}/experiences", json=move).status_code == 200
+    assert changed()

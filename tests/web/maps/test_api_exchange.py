@@ -138,8 +138,8 @@ def test_an_imported_map_has_its_title(client, park, monkeypatch, at_once):
     if not at_once:
         monkeypatch.setattr(api_exchange, "is_quick", lambda _archive, limits: False)
     slug = bring(client, content, "park (3).zip").json["slug"]
-    assert slug == "stara-obora"
-    assert client.get(f"/api/v1/maps/{slug}").json["name"] == "Stará obora"
+    assert slug == "stara-obora-2"
+    assert client.get(f"/api/v1/maps/{slug}").json["name"] == "Stará obora (2)"
 
 
 @pytest.mark.parametrize(
@@ -315,3 +315,13 @@ def test_deleted_for_good_only_from_the_bin(client, park, library):
     assert client.delete(f"/api/v1/maps/{park}?forever=true").json["slug"] == park
     assert client.get(f"/api/v1/maps/{park}").status_code == 404
     assert not library.map_folder(park).exists()
+
+
+def test_an_import_without_a_name_of_its_own_gets_a_number(client, park):
+    """To distinguish it from its original; a name that was given is kept."""
+    content = client.get(f"/api/v1/maps/{park}/export.zip").data
+    names = [client.get(f"/api/v1/maps/{bring(client, content).json['slug']}").json["name"] for _ in range(2)]
+    original = client.get(f"/api/v1/maps/{park}").json["name"]
+    assert names == [f"{original} (2)", f"{original} (3)"]
+    assert bring(client, content, name=original).status_code in (200, 201, 202)
+    assert [one["name"] for one in client.get("/api/v1/maps").json["maps"]].count(original) == 2

@@ -95,7 +95,7 @@ class Answer:
     looks: tuple[str, ...] = ()
     # Clockwise quarter turns that bring the query upright; 0 if its keypoints show none.
     quarter_turns: int = 0
-    note: str = ""  # Why the answer is less than was requested; else empty
+    note: str = ""  # Why the answer is less than was requested, or how the file was read; else empty
 
     @property
     def abstained(self) -> bool:

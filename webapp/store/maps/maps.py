@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Collection, Iterator, Sequence
-from itertools import islice
+from itertools import count, islice
 from typing import Any, Literal, NamedTuple
 
 from sqlalchemy import ColumnElement, Select, func, select
@@ -17,7 +17,7 @@ from webapp.errors import NotAllowed, NotFound, UsageError
 from webapp.store.clock import now
 from webapp.store.list_parts import ListCursor, ListPart, last_changed_first
 from webapp.store.maps.blurred import take_over_boxes
-from webapp.store.schema import Account, MapRecord, Member, Photo
+from webapp.store.schema import Account, Edit, MapRecord, Member, Photo
 
 Role = Literal["owner", "editor", "viewer"]
 ROLES: tuple[Role, ...] = ("viewer", "editor", "owner")
@@ -28,6 +28,10 @@ _MAX_SLUG = 60
 _MOST_PARAMETERS = 5000
 """Maximum parameters of one statement; SQLite allows 32766."""
 _LAST_CHANGED_FIRST = last_changed_first(MapRecord.changed_at, MapRecord.id)
+_NUMBERED = re.compile(r" \(\d{1,9}\)$")
+_HARMLESS = frozenset({"note", "notes", "retime"})
+"""Kinds of edits that change no answer."""
+
 RESERVED = frozenset({"new", "import", "bin"})
 
 
@@ -311,6 +315,33 @@ def reserve_id(record: MapRecord) -> int:
 def _note_placed(record: MapRecord, photo: Photo) -> None:
     if photo.is_placed:
         record.photos_revision = record.revision
+
+
+def alters_answers(session: Session, record: MapRecord, *, since: int) -> bool:
+    """Return whether the map has changed after a revision in more than its tray and its notes.
+
+    False only if each later revision added a photo without a position, or is an edit of notes or times.
+    """
+    if since >= record.revision:
+        return False
+    added = select(Photo.revision).where(
+        Photo.map_id == record.id, Photo.revision > since, Photo.x_px.is_(None), ~Photo.removed
+    )
+    later = select(Edit.kind, Edit.revision).where(Edit.map_id == record.id, Edit.revision > since)
+    done = session.execute(later).all()
+    if any(kind not in _HARMLESS for kind, _ in done):
+        return True
+    return len({*session.scalars(added), *(revision for _, revision in done)}) < record.revision - since
+
+
+def free_name(session: Session, name: str, *, account: Account) -> str:
+    """Return a name, with a number where the account sees a map of that name already: `Park (2)`."""
+    known = session.scalars(select(MapRecord.name).where(MapRecord.id.in_(visible(account))))
+    taken = {one.casefold() for one in known}
+    plain = _NUMBERED.sub("", name)
+    numbers = (f" ({number})" for number in count(2))
+    names = (f"{plain[: _MAX_NAME - len(number)].rstrip()}{number}" for number in numbers)
+    return name if name.casefold() not in taken else next(one for one in names if one.casefold() not in taken)
 
 
 def counts(session: Session, record: MapRecord) -> tuple[int, int]:

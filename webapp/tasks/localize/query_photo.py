@@ -18,6 +18,7 @@ from webapp.core.geometry.equirectangular import ViewSize, cut_view, panorama_pi
 from webapp.core.hypotheses.model import Answer, Evidence, FieldOfView, Hypothesis
 from webapp.core.mapmodel.panorama import FOCAL_35MM, VIEWS, experience_of
 from webapp.core.retrieval.fields_of_view import guessed_fov_deg
+from webapp.files.decode import contrast_note
 from webapp.files.photos.panorama import find_panorama
 from webapp.files.photos.photo import GrayPhoto, PhotoFacts, read_facts, read_gray, read_upright, scaled_gray
 from webapp.settings import Settings
@@ -96,6 +97,7 @@ class QueryPhoto:
     view: PanoramaView | None = None  # Set for a view of a panorama
     # First pixel (x, y) of the photo in the upright file, whose uniform bars are cut off.
     origin: tuple[int, int] = (0, 0)
+    note: str = ""  # How its file was read, if that is unusual
 
     def turned(self, quarters: int) -> QueryPhoto:
         """Rotate it clockwise by quarter turns, for features that are not rotation-invariant."""
@@ -107,7 +109,9 @@ class QueryPhoto:
         return replace(self, gray=gray, fov=fov)
 
     def on_file(self, answer: Answer) -> Answer:
-        """Convert an answer about this photo from its pixels to those of the file with the bars."""
+        """Convert an answer from pixels of this photo to those of its file with the bars; add its note."""
+        if self.note and not answer.note:
+            answer = replace(answer, note=self.note)
         if self.origin == (0, 0):
             return answer
         shift = np.array(self.origin, np.float32)
@@ -161,7 +165,8 @@ def read_query(
         vector = describe.describe(np.ascontiguousarray(colours))
     fov = _field_of_view(facts, gray, given=fov_deg)
     origin = (0, 0) if inside is None else (inside.left, inside.top)
-    return [QueryPhoto(gray, fov, vector, time.perf_counter() - started, origin=origin)]
+    note = contrast_note(path, limits=limits) or ""
+    return [QueryPhoto(gray, fov, vector, time.perf_counter() - started, origin=origin, note=note)]
 
 
 def _of_part(fov_deg: float, width: int, part: Inside) -> float:

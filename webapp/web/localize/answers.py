@@ -133,7 +133,11 @@ class Located(Schema):
     map_kind = String(metadata={"enum": [*MAP_KINDS], "description": "What the photos' positions are."})
     place_radius_px = Float(metadata={"description": "Largest error of a place that counts as correct."})
     no_pose = String(metadata={"description": "Why there is no place; missing if there is one."})
-    note = String(metadata={"description": "Why there is less than was asked for; else it is missing."})
+    note = String(
+        metadata={
+            "description": "Why there is less than was asked for, or how the file was read; else missing."
+        }
+    )
     sequence = Boolean(metadata={"description": "True, where the frames before this one count, too."})
 
 

@@ -122,6 +122,8 @@ def quality(slug: str) -> str:
             if job.kind == KIND and job.ended_at is None
         ]
     kept, error = _kept(record)
+    with library().database.read() as session:
+        changed = bool(kept) and maps.alters_answers(session, record, since=kept[0].revision)
     return render_template(
         "localize/quality.html",
         map=record,
@@ -129,6 +131,7 @@ def quality(slug: str) -> str:
         can_edit=can_edit,
         placed=placed,
         kept=kept[0] if kept else None,
+        changed=changed,
         parts=[_part(one, names, metres=_metres(record)) for one in kept],
         error=error,
     )

@@ -12,6 +12,7 @@ from flask_babel import LazyString, lazy_gettext
 from sqlalchemy import select
 
 from webapp.errors import Conflict
+from webapp.store.maps import maps
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import ENDED
 from webapp.store.schema import Job, MapRecord
@@ -208,9 +209,10 @@ def _health(record: MapRecord) -> dict[str, Any]:
             Job.map_id == record.id, Job.kind == _HEALTH_JOB, Job.state.not_in(ENDED)
         )
         job = session.scalars(running.limit(1)).first()
+        current = found is not None and not maps.alters_answers(session, record, since=found["revision"])
     if found is None:
         return {"revision": None, "current": False, "place_radius_px": None, "photos": [], "job": job}
-    return {**found, "current": found["revision"] == record.revision, "job": job}
+    return {**found, "current": current, "job": job}
 
 
 def _outside(record: MapRecord) -> dict[str, Any]:

@@ -43,7 +43,10 @@ class ImportIn(Schema):
     name = String(
         load_default=None,
         validate=Length(max=_MAX_NAME),
-        metadata={"description": "of the new map; by default its title in the zip, else the file's name"},
+        metadata={
+            "description": "of the new map; by default its title in the zip, else the file's name, with a "
+            "number if there is such a map"
+        },
     )
 
 
@@ -146,6 +149,9 @@ def import_zip(given: dict[str, Any]) -> Any:
     try:
         receive(archive, given["file"].stream, max_bytes=int(settings().web.max_request_mb * 1e6))
         name = _name_of(given["name"], archive, given["file"].filename)
+        if not given["name"]:
+            with place.database.read() as session:
+                name = maps.free_name(session, name, account=who)
         if not is_quick(archive, limits=settings().imports):
             answer = _by_job(name, token)
             kept = True
