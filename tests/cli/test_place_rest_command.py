@@ -32,7 +32,7 @@ REPORT = RestReport(
     left=(LeftPhoto(4, "photos/4.jpg", "too few photos overlap enough", (0,)),),
     checked=(
         CheckedPhoto(0, "photos/0.jpg", 3.5, False, MapPixel(103.5, 90.0)),
-        CheckedPhoto(1, "photos/1.jpg", 250.0, True, MapPixel(40.0, 300.25), 14.0),
+        CheckedPhoto(1, "photos/1.jpg", 250.0, True, MapPixel(40.0, 300.25), 14.0, 50.0),
         CheckedPhoto(5, "photos/5.jpg", 30.0, False, MapPixel(7.0, 8.0)),
         CheckedPhoto(6, "photos/6.jpg", None, False),
     ),
@@ -88,7 +88,10 @@ def test_suggestions_are_printed_and_nothing_is_changed(expmap, cfg):
         "photos/3.jpg  x 410.0, y 90.0, within 80.0 px",
         "photos/4.jpg  too few photos overlap enough",
     ]
-    assert "photos/1.jpg (id 1) contradicts the other placed photos: they put it 250 px (14 m) away" in err
+    assert (
+        "photos/1.jpg (id 1) contradicts the other placed photos: they put it 250 px (14 m) to the north-east"
+        in err
+    )
     assert "2 photos joined, 1 not" in err
     assert "help most (ids): 3, 4" in err
     assert cfg.read_bytes() == before
@@ -122,6 +125,7 @@ def test_json_has_everything(expmap, cfg):
         "residual_m": 14.0,
         "x_px": 40.0,
         "y_px": 300.25,
+        "bearing_deg": 50.0,
         "contradicts": True,
     }
     assert told["checked"][3]["x_px"] is None

@@ -65,6 +65,8 @@ class CheckedPhoto:
     contradicts: bool  # It was left out as an outlier: the others agree on another position
     predicted: MapPixel | None = None  # Its position by the others
     residual_m: float | None = None  # The residual in metres, on a map with a georeference
+    # Direction from its own position to the predicted one, degrees clockwise from north
+    bearing_deg: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,6 +248,8 @@ def _checked(
         if georeference is not None:
             metres = residual * georeference.metres_per_pixel(photo.position)
         there = complex(aligned.predicted[row])
+        off = there - complex(*photo.position)
+        bearing = _heading(math.degrees(math.atan2(off.real, -off.imag)), photo.position, the_map)
         yield CheckedPhoto(
             photo.id,
             photo.photo,
@@ -253,4 +257,5 @@ def _checked(
             bool(aligned.contradicting[row]),
             MapPixel(there.real, there.imag),
             metres,
+            bearing,
         )

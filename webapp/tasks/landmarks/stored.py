@@ -37,6 +37,7 @@ def as_json(report: RestReport, *, accepted: Collection[int] = ()) -> dict[str, 
             "residual_m": None if one.residual_m is None else round(one.residual_m, 2),
             "x_px": None if one.predicted is None else round(one.predicted.x, 2),
             "y_px": None if one.predicted is None else round(one.predicted.y, 2),
+            "bearing_deg": None if one.bearing_deg is None else round(one.bearing_deg, 1),
             "contradicts": one.contradicts,
         }
         for one in report.checked
