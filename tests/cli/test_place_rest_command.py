@@ -27,7 +27,7 @@ FIRST, SECOND = MapPixel(100.0, 90.0), MapPixel(40.0, 300.0)
 REPORT = RestReport(
     suggested=(
         SuggestedPlace(2, "photos/2.jpg", MapPixel(290.0, 110.5), 12.0, 45.0, (0, 1)),
-        SuggestedPlace(3, "photos/3.jpg", MapPixel(410.0, 90.0), 80.0, None, (1,)),
+        SuggestedPlace(3, "photos/3.jpg", MapPixel(410.0, 90.0), 80.0, None, (1,), is_checked=False),
     ),
     left=(LeftPhoto(4, "photos/4.jpg", "too few photos overlap enough", (0,)),),
     checked=(
@@ -93,6 +93,7 @@ def test_suggestions_are_printed_and_nothing_is_changed(expmap, cfg):
         in err
     )
     assert "2 photos joined, 1 not" in err
+    assert "1 of them follow from two placed photos, which do not show how far off they are" in err
     assert "help most (ids): 3, 4" in err
     assert cfg.read_bytes() == before
 
@@ -109,6 +110,7 @@ def test_json_has_everything(expmap, cfg):
         "radius_px": 12.0,
         "heading_deg": 45.0,
         "placed_by": [0, 1],
+        "is_checked": True,
         "accepted": False,
     }
     assert told["photos"][2] == {

@@ -130,6 +130,13 @@ def _print_notes(cfg: Path, report: RestReport, accepted: set[int]) -> None:
             )
     done = f", {len(accepted)} placed" if accepted else ""
     click.echo(f"{cfg}: {len(report.suggested)} photos joined, {len(report.left)} not{done}", err=True)
+    unchecked = sum(not one.is_checked for one in report.suggested)
+    if unchecked:
+        click.echo(
+            f"{unchecked} of them follow from two placed photos, which do not show how far off they are: "
+            "place a third one, far from both",
+            err=True,
+        )
     if report.place_next:
         ids = ", ".join(str(id) for id in report.place_next)
         click.echo(f"placing these photos by hand would help most (ids): {ids}", err=True)

@@ -74,6 +74,7 @@ def _place_json(one: SuggestedPlace, *, accepted: bool) -> dict[str, Any]:
         "radius_px": round(one.radius_px, 2),
         "heading_deg": None if one.heading_deg is None else round(one.heading_deg, 2),
         "placed_by": list(one.placed_by),
+        "is_checked": one.is_checked,
         "accepted": accepted,
     }
 
@@ -168,6 +169,7 @@ def suggested_of(cfg: Path, ids: Iterable[int], *, satellite_revision: int = 0) 
             one["radius_px"],
             one["heading_deg"],
             tuple(one["placed_by"]),
+            one.get("is_checked", True),
         )
         for one in _chosen(records, ids, missing="no place is suggested for this photo")
     ]
