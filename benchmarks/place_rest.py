@@ -2,6 +2,7 @@
 
     python -m benchmarks.place_rest MAP.cfg --clicks 24 --unit 10
     python -m benchmarks.place_rest MAP.cfg --share 0.05 --unit 10
+    python -m benchmarks.place_rest DRONE.cfg --clicks 5 --unit 20 --as-clicks
 
 All photos are removed from the map. With `--clicks`, photos are put back at their positions in the order in
 which the program proposes them; with `--share`, a share of them, evenly spread over the list. Positions of
@@ -96,9 +97,13 @@ def main() -> None:
     which.add_argument("--clicks", type=int)
     which.add_argument("--share", type=float)
     parser.add_argument("--unit", type=float, default=1.0, help="pixels")
+    parser.add_argument("--as-clicks", action="store_true", help="GPS positions count as clicked ones")
     options = parser.parse_args()
     let_threads_sleep()
     the_map, started = read_map(options.map), time.perf_counter()
+    if options.as_clicks:
+        placed_by_hand = (replace(e, by_gps=False, gps_accuracy_m=None) for e in the_map.experiences)
+        the_map = replace(the_map, experiences=tuple(placed_by_hand))
     found = reconstruct(options.map, with_placed(the_map, ()), settings=load_settings(), progress=Progress())
     seconds = time.perf_counter() - started
     if options.clicks:

@@ -27,12 +27,12 @@ FIRST, SECOND = MapPixel(100.0, 90.0), MapPixel(40.0, 300.0)
 REPORT = RestReport(
     suggested=(
         SuggestedPlace(2, "photos/2.jpg", MapPixel(290.0, 110.5), 12.0, 45.0, (0, 1)),
-        SuggestedPlace(3, "photos/3.jpg", MapPixel(410.0, 90.0), 80.0, None, (1,)),
+        SuggestedPlace(3, "photos/3.jpg", MapPixel(410.0, 90.0), 80.0, None, (1,), is_checked=False),
     ),
     left=(LeftPhoto(4, "photos/4.jpg", "too few photos overlap enough", (0,)),),
     checked=(
         CheckedPhoto(0, "photos/0.jpg", 3.5, False, MapPixel(103.5, 90.0)),
-        CheckedPhoto(1, "photos/1.jpg", 250.0, True, MapPixel(40.0, 300.25), 14.0),
+        CheckedPhoto(1, "photos/1.jpg", 250.0, True, MapPixel(40.0, 300.25), 14.0, 50.0),
         CheckedPhoto(5, "photos/5.jpg", 30.0, False, MapPixel(7.0, 8.0)),
         CheckedPhoto(6, "photos/6.jpg", None, False),
     ),
@@ -88,8 +88,12 @@ def test_suggestions_are_printed_and_nothing_is_changed(expmap, cfg):
         "photos/3.jpg  x 410.0, y 90.0, within 80.0 px",
         "photos/4.jpg  too few photos overlap enough",
     ]
-    assert "photos/1.jpg (id 1) contradicts the other placed photos: they put it 250 px (14 m) away" in err
+    assert (
+        "photos/1.jpg (id 1) contradicts the other placed photos: they put it 250 px (14 m) to the north-east"
+        in err
+    )
     assert "2 photos joined, 1 not" in err
+    assert "1 of them follow from two placed photos, which do not show how far off they are" in err
     assert "help most (ids): 3, 4" in err
     assert cfg.read_bytes() == before
 
@@ -106,6 +110,7 @@ def test_json_has_everything(expmap, cfg):
         "radius_px": 12.0,
         "heading_deg": 45.0,
         "placed_by": [0, 1],
+        "is_checked": True,
         "accepted": False,
     }
     assert told["photos"][2] == {
@@ -122,6 +127,7 @@ def test_json_has_everything(expmap, cfg):
         "residual_m": 14.0,
         "x_px": 40.0,
         "y_px": 300.25,
+        "bearing_deg": 50.0,
         "contradicts": True,
     }
     assert told["checked"][3]["x_px"] is None

@@ -2416,6 +2416,8 @@ export interface components {
         SuggestedPlaceOut: {
             heading_deg?: number | null;
             id?: number;
+            /** @description False where two placed photos are too few to show how far off it is. */
+            is_checked?: boolean;
             name?: string;
             /** @description Nearest placed photos that it was placed by. */
             placed_by?: number[];

@@ -22,6 +22,7 @@ from webapp.tasks.landmarks.accept import (
 )
 from webapp.tasks.landmarks.place_rest import RestReport, suggest_rest
 from webapp.tasks.landmarks.stored import as_json as report_as_json
+from webapp.tasks.photo_plan.words import direction_of
 
 
 @click.command("place-rest", short_help="Place the photos in the tray using those already placed.")
@@ -121,13 +122,21 @@ def _print_notes(cfg: Path, report: RestReport, accepted: set[int]) -> None:
     for one in report.checked:
         if one.contradicts:
             metres = "" if one.residual_m is None else f" ({one.residual_m:.0f} m)"
+            where = "away" if one.bearing_deg is None else f"to the {direction_of(one.bearing_deg)}"
             click.echo(
                 f"warning: {one.photo} (id {one.id}) contradicts the other placed photos: they put it "
-                f"{one.residual_px or 0.0:.0f} px{metres} away",
+                f"{one.residual_px or 0.0:.0f} px{metres} {where}",
                 err=True,
             )
     done = f", {len(accepted)} placed" if accepted else ""
     click.echo(f"{cfg}: {len(report.suggested)} photos joined, {len(report.left)} not{done}", err=True)
+    unchecked = sum(not one.is_checked for one in report.suggested)
+    if unchecked:
+        click.echo(
+            f"{unchecked} of them follow from two placed photos, which do not show how far off they are: "
+            "place a third one, far from both",
+            err=True,
+        )
     if report.place_next:
         ids = ", ".join(str(id) for id in report.place_next)
         click.echo(f"placing these photos by hand would help most (ids): {ids}", err=True)

@@ -83,7 +83,10 @@ def test_nothing_is_matched_with_too_little(rows):
     assert len(row) == len(seen) == 0
 
 
-@pytest.mark.parametrize(("heading", "pitch", "roll"), [(0, 0, 0), (90, 0, 0), (-120, 20, 0), (30, -10, 15)])
+@pytest.mark.parametrize(
+    ("heading", "pitch", "roll"),
+    [(0, 0, 0), (90, 0, 0), (-120, 20, 0), (30, -10, 15)],
+)
 def test_angles_are_those_of_the_camera(heading, pitch, roll):
     heading, pitch, roll = np.radians([heading, pitch, roll])
     forward = [np.sin(heading) * np.cos(pitch), -np.cos(heading) * np.cos(pitch), -np.sin(pitch)]
@@ -96,3 +99,11 @@ def test_angles_are_those_of_the_camera(heading, pitch, roll):
     small = np.array([1e-5, -2e-5, 3e-5])
     after = euler_angles(so3.exp(small) @ rotation)
     np.testing.assert_allclose(after - euler_angles(rotation), angle_jacobian(rotation) @ small, atol=1e-9)
+
+
+def test_a_camera_that_looks_straight_down_heads_where_the_top_of_its_photo_is():
+    heading, noise = np.radians(50.0), np.array([0.02, -0.03, 0.0])
+    right, top = [np.cos(heading), np.sin(heading), 0.0], [np.sin(heading), -np.cos(heading), 0.0]
+    rotation = so3.exp(noise) @ np.array([right, np.negative(top), [0.0, 0.0, 1.0]])
+    found = np.degrees(euler_angles(rotation))
+    np.testing.assert_allclose(found, [50.0, -90.0, 0.0], atol=2.5)

@@ -7,8 +7,8 @@ from tests.core.landmarks.scene import known_at, submodel_of
 from webapp.core.geometry import so3
 from webapp.core.landmarks import control_points
 from webapp.core.landmarks.control_points import KnownPoint, NotTriangulated, triangulate
-from webapp.core.landmarks.georegister import georegister, outlying_positions
-from webapp.core.landmarks.placing import AlignedSubmodel, align_submodel
+from webapp.core.landmarks.georegister import georegister
+from webapp.core.landmarks.placing import AlignedSubmodel, align_submodel, outlying_positions
 from webapp.core.landmarks.similarity import fit_similarity
 from webapp.core.landmarks.submodels import Submodel
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.placing_simulations import PX_PER_M, model_of
 from tests.core.landmarks.scene import known_at, submodel_of
 from webapp.core.landmarks.placing import align_submodel
 from webapp.core.landmarks.proposals import propose_next
@@ -181,3 +182,43 @@ def test_hidden_photos_do_not_lay_what_else_is_known(court, rng):
     assert abs(transform.map_point(submodel.centre[4]).at - at[4]) > 0.1
     assert abs(transform.without(hidden).map_point(submodel.centre[4]).at - at[4]) < 1e-6
     assert transform.without(np.arange(40) != 4) is None
+
+
+def flight(rng, *, pitch_deg):
+    """Return map pixels of 30 photos in rows, all heading 40 degrees, and their model."""
+    x, y = np.meshgrid(100.0 + 60.0 * np.arange(6), 100.0 + 80.0 * np.arange(5))
+    at = (x + 1j * y).ravel()
+    height = rng.normal(200.0, 2.0, 30)
+    return at, model_of(
+        at, height=height / PX_PER_M, heading=np.full(30, np.radians(40.0)), pitch_deg=pitch_deg, rng=rng
+    )
+
+
+@pytest.mark.parametrize(
+    ("pitch_deg", "clicks"),
+    [
+        (-30.0, [0, 5, 29]),
+        (-30.0, [0, 5, 14, 24, 29]),
+        (-60.0, [0, 29]),  # with two, the plane of all cameras shows it only if they look down steeply
+        (-60.0, [0, 5, 14, 24, 29]),
+        (-90.0, [0, 29]),
+        (-90.0, [0, 5, 29]),
+        (-90.0, [0, 5, 14, 24, 29]),
+    ],
+)
+def test_cameras_that_all_look_down_at_one_angle_are_seen_from_above(rng, pitch_deg, clicks):
+    at, submodel = flight(rng, pitch_deg=pitch_deg)
+    result = align_submodel(submodel, known_at(at, clicks))
+    assert np.abs(result.at - at).max() < 8.0
+    assert np.median(np.abs(result.angle_deg - 40.0)) < 1.5
+
+
+def test_one_of_four_positions_that_is_wrong_is_named_and_does_not_count(walk, rng):
+    at, headings = walk
+    known = known_at(at, [0, 12, 25, 39])
+    known.at[12] += 150j
+    result = align_submodel(submodel_of(at, headings, rng=rng), known)
+    assert np.flatnonzero(result.contradicting).tolist() == [12]
+    assert result.residual_px[12] == pytest.approx(150.0, abs=1.0)
+    assert result.predicted[12] == pytest.approx(at[12], abs=1.0)
+    assert np.abs(result.at - at).max() < 1.0

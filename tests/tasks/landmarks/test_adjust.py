@@ -13,6 +13,7 @@ from webapp.settings import Settings
 from webapp.tasks.landmarks import adjust
 from webapp.tasks.landmarks.accept import accept_in_folder
 from webapp.tasks.landmarks.adjust import adjust_submodels
+from webapp.tasks.landmarks.mapping import run_adjustment
 from webapp.tasks.landmarks.place_rest import suggest_rest
 from webapp.tasks.landmarks.reconstruct import reconstruct
 from webapp.tasks.localize.open_pipeline import open_pipeline
@@ -91,6 +92,20 @@ def test_it_is_kept_until_positions_change(court, monkeypatch):
     )
     first = localizer.localize(court.cfg.parent / "photos" / "05.png", top=1).hypotheses[0]
     assert np.hypot(*(first.position - court.at[5])) < 2.0
+
+
+def test_an_adjustment_that_contradicts_the_positions_is_refused(court, monkeypatch):
+    place_all(court)
+    before = joined(court.cfg).submodels[0].centre
+
+    def shifted(job, *, progress):
+        model = run_adjustment(job, progress=progress)
+        return replace(model, centre=model.centre + np.array([40.0, 0.0, 0.0]))
+
+    monkeypatch.setattr(adjust, "run_adjustment", shifted)
+    found, (submodel,) = adjusted(court.cfg)
+    assert submodel.problem == "the photos do not agree with the positions"
+    np.testing.assert_array_equal(found.submodels[0].centre, before)
 
 
 @pytest.mark.parametrize(

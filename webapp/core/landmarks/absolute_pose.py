@@ -23,6 +23,9 @@ from webapp.core.landmarks.cloud import LandmarkCloud
 
 Array = NDArray[np.float64]
 
+_STEEP = np.sin(np.radians(10.0))
+"""Sine of the angle between a camera and the vertical below which it looks straight down or up."""
+
 MIN_INLIERS = 12
 """Least number of inliers: fewer may agree by chance where most matches are wrong."""
 
@@ -218,12 +221,15 @@ def projection_jacobian(own: Array, *, focal_px: Array | float, distortion: Arra
 def euler_angles(rotation: Array) -> Array:
     """Return heading (clockwise from image-up), pitch and roll, radians, as in `CameraPose`.
 
-    The rotation is camera from world, with world axes x right and y down on the map, and z down.
+    The rotation is camera from world, with world axes x right and y down on the map, and z down. For a camera
+    that looks nearly straight down or up, as drones do, heading and roll are one rotation: the roll is 0.
     """
     right, forward = rotation[0], rotation[2]
     level = float(np.hypot(forward[0], forward[1]))
-    heading = np.arctan2(forward[0], -forward[1])
     pitch = np.arctan2(-forward[2], level)
+    if level < _STEEP:
+        return np.array([np.arctan2(right[1], right[0]), pitch, 0.0])
+    heading = np.arctan2(forward[0], -forward[1])
     roll = np.arctan2(right[2], rotation[1, 2])
     return np.array([heading, pitch, roll])
 

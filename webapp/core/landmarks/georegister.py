@@ -9,25 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.landmarks.control_points import KnownPoint, NotTriangulated, Triangulated, triangulate
-from webapp.core.landmarks.placing import AlignedSubmodel, KnownPositions, NotAligned, align_submodel
+from webapp.core.landmarks.placing import (
+    AlignedSubmodel,
+    KnownPositions,
+    NotAligned,
+    align_submodel,
+    choose_view,
+    outlying_positions,
+)
 from webapp.core.landmarks.radii import PlacedPhotos, radius_by_covariance
 from webapp.core.landmarks.submodels import (
     PlanView,
     Points,
     Submodel,
     view_by_heights,
-    view_by_level_cameras,
-    view_by_positions,
 )
 
 Array = NDArray[np.float64]
-
-_WRONG_SIGMAS = 6.0
-"""Standard deviations (times the RMS of the others, if above 1) from which on a position is an outlier to the
-similarity of all others."""
-
-_FEW = 4
-"""Least number of known positions among which a contradicting one can be identified."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,17 +86,12 @@ def georegister(
 
 
 def _view(submodel: Submodel, known: KnownPositions, found: Sequence[Triangulated]) -> PlanView | None:
-    at = known.at[submodel.photo]
-    return (
-        view_by_heights(
-            submodel,
-            centre=np.array([one.at for one in found]),
-            position=np.array([one.point.at for one in found]),
-            height=np.array([one.point.height_px for one in found]),
-        )
-        or view_by_level_cameras(submodel)
-        or view_by_positions(submodel, known=np.isfinite(at), position=at)
-    )
+    return view_by_heights(
+        submodel,
+        centre=np.array([one.at for one in found]),
+        position=np.array([one.point.at for one in found]),
+        height=np.array([one.point.height_px for one in found]),
+    ) or choose_view(submodel, known)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,45 +149,6 @@ class _Extended:
         residual[wrong], others[wrong] = np.abs(at - aligned.at)[wrong], aligned.at[wrong]
         contradicting[wrong] = True
         return replace(aligned, residual_px=residual, predicted=others, contradicting=contradicting)
-
-
-def outlying_positions(plan: Points, at: Points, *, sigma: Array) -> NDArray[np.int64]:
-    """Find the positions to leave out so that the others fit one similarity within their accuracy.
-
-    Args:
-        plan: (n,) complex128. Positions in the plan view of the submodel.
-        at: (n,) complex128. Positions on the map; NaN where unknown.
-        sigma: (n,) float64
-    """
-    kept = np.flatnonzero(np.isfinite(at))
-    most, odd = len(kept) // 3, list[int]()
-    while len(kept) >= _FEW and len(odd) < most:
-        error, usual = np.array([_without(plan, at, sigma, kept=kept, odd=one) for one in kept.tolist()]).T
-        worst = int(usual.argmin())
-        if error[worst] <= _WRONG_SIGMAS * max(1.0, usual[worst]):
-            break
-        odd.append(int(kept[worst]))
-        kept = np.delete(kept, worst)
-    return np.array(odd, np.int64)
-
-
-def _without(
-    plan: Points, at: Points, sigma: Array, *, kept: NDArray[np.int64], odd: int
-) -> tuple[float, float]:
-    """Fit a similarity without one position; return the deviation of that one and the RMS of the others, in
-    standard deviations; for that one, the uncertainty of the fit is included."""
-    rest = kept[kept != odd]
-    information = sigma[rest] ** -2.0
-    weight = information / information.sum()
-    middle, goal = weight @ plan[rest], weight @ at[rest]
-    off, wanted = plan[rest] - middle, at[rest] - goal
-    extent = max(float(weight @ np.abs(off) ** 2), 1e-300)
-    factor = (weight @ (off.conj() * wanted)) / extent
-    residual = np.abs(wanted - factor * off) / sigma[rest]
-    away = plan[odd] - middle
-    variance = (1.0 + abs(away) ** 2 / extent) / information.sum()
-    error = abs(at[odd] - goal - factor * away) / np.hypot(sigma[odd], np.sqrt(variance))
-    return float(error), float(np.sqrt((residual**2).sum() / (len(rest) - 2)))
 
 
 def _spread(points: Points) -> float:

@@ -9,7 +9,7 @@ others.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +26,9 @@ from webapp.core.landmarks.submodels import (
     Points,
     Submodel,
     view_by_level_cameras,
+    view_by_plane,
     view_by_positions,
+    view_of_map,
 )
 
 Array = NDArray[np.float64]
@@ -43,6 +45,17 @@ _FEW = 4
 _CONTRADICTS, _CONTRADICTS_RELATIVE = 5.0, 0.7
 """A placed photo contradicts the others if its error is more than these multiples of the median error and of
 the distance to the nearest other one."""
+
+_WRONG_SIGMAS, _WRONG_RELATIVE = 6.0, 0.25
+"""A position is an outlier to the similarity of all others from this many standard deviations on (times the
+RMS of the others, if above 1); that of a photo also has to be off by this fraction of the distance to the
+nearest other one, since models bend."""
+
+_NEARER = 0.8
+"""The vertical is found in another way if the positions that are left out are then nearer by this factor."""
+
+_STEEP = np.cos(np.radians(30.0))
+"""Cosine of the slope of the plane of the cameras above which they are not level: no path is as steep."""
 
 _MISFIT = 0.5
 """RMS error of a similarity, as a fraction of the extent of the positions, above which it does not fit."""
@@ -180,19 +193,156 @@ def align_submodel(
     if spots < 2:
         which = "none of them is placed" if not placed.any() else "only one of them is placed"
         return NotAligned(which if spots == placed.sum() else "the placed ones are all at the same position")
-    view = view or view_by_level_cameras(submodel) or view_by_positions(submodel, known=placed, position=at)
+    view = view or choose_view(submodel, known)
     if view is None:
         return NotAligned(
             "the vertical cannot be estimated from their cameras, and the placed ones are fewer than three "
             "or in a line",
             tuple(submodel.photo[placed].tolist()),
         )
-    problem = _misfit(view.position[placed], at[placed])
+    of_photos = _placed_of(submodel, known)
+    wrong = _outlying_photos(view, of_photos)
+    kept = of_photos.subset(~wrong)
+    problem = _misfit(view.position[kept.row], kept.at)
     if problem:
         return NotAligned(problem, tuple(submodel.photo[placed].tolist()))
-    own = submodel.photo[placed]
-    fields = (np.flatnonzero(placed), at[placed], known.sigma_px[own], known.derived[own])
-    return _align(submodel, view, PlacedPhotos(*fields))
+    return _naming(_align(submodel, view, kept), of_photos.subset(wrong))
+
+
+def _placed_of(submodel: Submodel, known: KnownPositions) -> PlacedPhotos:
+    at = known.at[submodel.photo]
+    row = np.flatnonzero(np.isfinite(at))
+    own = submodel.photo[row]
+    return PlacedPhotos(row, at[row], known.sigma_px[own], known.derived[own])
+
+
+def _outlying_photos(view: PlanView, known: PlacedPhotos) -> NDArray[np.bool_]:
+    """Mask (k,) of the placed photos whose positions the others contradict; see `outlying_positions`."""
+    judges = np.flatnonzero(known.judges)
+    wrong = np.zeros(len(known.row), np.bool_)
+    plan = view.position[known.row[judges]]
+    odd = outlying_positions(plan, known.at[judges], sigma=known.sigma_px[judges], relative=_WRONG_RELATIVE)
+    wrong[judges[odd]] = True
+    return wrong
+
+
+def _naming(aligned: AlignedSubmodel, wrong: PlacedPhotos) -> AlignedSubmodel:
+    """Add the placed photos that were left out before the alignment."""
+    if not len(wrong.row):
+        return aligned
+    residual, predicted = aligned.residual_px.copy(), aligned.predicted.copy()
+    contradicting = aligned.contradicting.copy()
+    residual[wrong.row] = np.abs(wrong.at - aligned.at[wrong.row])
+    predicted[wrong.row], contradicting[wrong.row] = aligned.at[wrong.row], True
+    return replace(aligned, residual_px=residual, predicted=predicted, contradicting=contradicting)
+
+
+def choose_view(submodel: Submodel, known: KnownPositions) -> PlanView | None:
+    """Find the vertical of a submodel; None if nothing determines it.
+
+    Of the plan views by an adjustment, by level cameras, by the plane of all cameras and by the known
+    positions, the first one is taken, unless known positions that are left out are clearly nearer in a later
+    one. That takes three of them; with two, the plane of all cameras replaces level cameras if it is steep in
+    their view.
+    """
+    placed = _placed_of(submodel, known)
+    at = known.at[submodel.photo]
+    ways = (
+        view_of_map(submodel),
+        view_by_level_cameras(submodel),
+        view_by_plane(submodel),
+        view_by_positions(submodel, known=np.isfinite(at), position=at),
+    )
+    views = [view for view in ways if view is not None]
+    if not views:
+        return None
+    if len(placed.row) < 3:
+        mapped, level, plane, _ = ways
+        is_steep = level and plane and level.frame[2] @ plane.frame[2] < _STEEP
+        return mapped or plane if is_steep else views[0]
+    best, least = views[0], np.inf
+    for view in views:
+        refits = view is ways[-1] and len(placed.row) > 3
+        error = _left_out_error(submodel, view, placed, refits=refits)
+        if error < _NEARER * least:
+            best, least = view, error
+    return best
+
+
+def _left_out_error(submodel: Submodel, view: PlanView, known: PlacedPhotos, *, refits: bool) -> float:
+    """Return the RMS distance of known positions from where the others put them, without the outliers.
+
+    Args:
+        refits: The vertical depends on the positions: it is estimated again without each of them.
+    """
+    outlying = _outlying_photos(view, known)
+    kept = known.subset(known.judges & ~outlying)
+    if len(kept.row) < 3:
+        return np.inf
+    exponent, _, error, _ = _leave_one_out(view.position, kept)
+    if refits:
+        for number in range(len(kept.row)):
+            others = np.arange(len(kept.row)) != number
+            at = np.full(len(submodel), complex(np.nan, np.nan))
+            at[kept.row[others]] = kept.at[others]
+            again = view_by_positions(submodel, known=np.isfinite(at), position=at)
+            if again is None:
+                return np.inf
+            plan, target = again.position, again.position[kept.row[number]][None]
+            moved, _ = _moved(target, kept.subset(others), exponent=exponent, plan=plan)
+            error[number] = abs(moved[0] - kept.at[number])
+    # a view in which many positions are outliers is not better for that
+    return float(np.sqrt(np.mean(error**2))) * (1.0 + float(np.mean(outlying)))
+
+
+def outlying_positions(plan: Points, at: Points, *, sigma: Array, relative: float = 0.0) -> NDArray[np.int64]:
+    """Find the positions to leave out so that the others fit one similarity within their accuracy.
+
+    Args:
+        plan: (n,) complex128. Positions in the plan view of the submodel.
+        at: (n,) complex128. Positions on the map; NaN where unknown.
+        sigma: (n,) float64
+        relative: An outlier is off by at least this fraction of the distance to the nearest other position.
+    """
+    kept = np.flatnonzero(np.isfinite(at))
+    most, odd = len(kept) // 3, list[int]()
+    while len(kept) >= _FEW and len(odd) < most:
+        fits = [_without(plan, at, sigma, kept=kept, odd=one) for one in kept.tolist()]
+        worst = int(np.argmin([fit.usual for fit in fits]))
+        one, others, fit = int(kept[worst]), np.delete(kept, worst), fits[worst]
+        if fit.sigmas <= _WRONG_SIGMAS * max(1.0, fit.usual):
+            break
+        if fit.distance < relative * float(np.abs(at[others] - at[one]).min()):
+            break
+        odd.append(one)
+        kept = others
+    return np.array(odd, np.int64)
+
+
+class _Left(NamedTuple):
+    """A position, and the similarity of the others: how far off it is, also in standard deviations, in which
+    the uncertainty of the fit is included; and the RMS of the others, in theirs."""
+
+    distance: float
+    sigmas: float
+    usual: float
+
+
+def _without(plan: Points, at: Points, sigma: Array, *, kept: NDArray[np.int64], odd: int) -> _Left:
+    """Fit a similarity without one position."""
+    rest = kept[kept != odd]
+    information = sigma[rest] ** -2.0
+    weight = information / information.sum()
+    middle, goal = weight @ plan[rest], weight @ at[rest]
+    off, wanted = plan[rest] - middle, at[rest] - goal
+    extent = max(float(weight @ np.abs(off) ** 2), 1e-300)
+    factor = (weight @ (off.conj() * wanted)) / extent
+    residual = np.abs(wanted - factor * off) / sigma[rest]
+    away = plan[odd] - middle
+    variance = (1.0 + abs(away) ** 2 / extent) / information.sum()
+    distance = abs(at[odd] - goal - factor * away)
+    sigmas = distance / np.hypot(sigma[odd], np.sqrt(variance))
+    return _Left(float(distance), float(sigmas), float(np.sqrt((residual**2).sum() / (len(rest) - 2))))
 
 
 def _misfit(plan: Points, at: Points) -> str | None:

@@ -21,6 +21,13 @@ _MOST_TILT = 0.35
 """Median sine between the cameras' right axes and the level plane above which they share no vertical."""
 
 
+_UPRIGHT = 0.5
+"""See `_towards_ground`: from this value on cameras are upright, below its negative upside down."""
+
+_PLANAR, _WIDE = 0.3, 0.15
+"""Cameras are in a plane if its thickness is at most this fraction of its width, and its width at least this
+fraction of its length (singular values of the centres)."""
+
 _LEAST_WIDE = 0.05
 """Ratio of the second to the first singular value of points below which they do not fix the vertical."""
 
@@ -77,7 +84,7 @@ class PlanView:
     """A submodel seen from above; positions are complex numbers, x to the right and y down as in an image."""
 
     position: Points  # (n,) complex128. In an arbitrary frame and unit.
-    forward: Points  # (n,) complex128. Viewing direction of each camera.
+    forward: Points  # (n,) complex128. Viewing direction of each camera; not of unit length.
     # (3, 3) float64. Proper rotation from the world of the submodel: its first row is the x of the view, the
     # second its y, and the third points down.
     frame: Array
@@ -102,8 +109,39 @@ def view_by_level_cameras(submodel: Submodel) -> PlanView | None:
     return _seen_along(submodel, lowest)
 
 
+def view_of_map(submodel: Submodel) -> PlanView | None:
+    """View a submodel along the z axis of the map; None if its world is not that of the map."""
+    return None if submodel.covariance is None else _seen_along(submodel, np.array([0.0, 0.0, 1.0]))
+
+
+def view_by_plane(submodel: Submodel) -> PlanView | None:
+    """Project a submodel onto the plane in which its cameras are; None if they are on a line or in no plane.
+
+    As cameras look towards the ground rather than the sky, their front and down axes show the side that is
+    up.
+    """
+    off = submodel.centre - submodel.centre.mean(0)
+    _, along, axes = np.linalg.svd(off, full_matrices=True)
+    if len(along) < 3 or along[1] < _WIDE * along[0] or along[2] > _PLANAR * along[1]:
+        return None
+    towards = _towards_ground(submodel, axes[2])
+    if abs(towards) < _UPRIGHT:
+        return None
+    return _seen_along(submodel, np.sign(towards) * axes[2])
+
+
+def _towards_ground(submodel: Submodel, down: Array) -> float:
+    """Return the mean sine of the angle that front and down axes together are below the horizon.
+
+    It is at least 1 for cameras that are level or look down, at any angle.
+    """
+    return float(((submodel.rotation[:, 1] + submodel.rotation[:, 2]) @ down).mean())
+
+
 def view_by_positions(submodel: Submodel, *, known: NDArray[np.bool_], position: Points) -> PlanView | None:
-    """Project a submodel along the vertical of a fit to known positions; None for fewer than three or a line.
+    """Project a submodel along the vertical of a fit to known positions.
+
+    None for fewer than three or a line, and if the cameras would be upside down.
 
     Args:
         known: (n,) bool
@@ -112,6 +150,8 @@ def view_by_positions(submodel: Submodel, *, known: NDArray[np.bool_], position:
     at = np.stack([position.real, np.zeros(len(position)), -position.imag], 1)
     fit = fit_similarity(submodel.centre[known], at[known])
     if not isinstance(fit, Similarity):
+        return None
+    if _towards_ground(submodel, fit.rotation[1]) < -_UPRIGHT:
         return None
     return _seen_along(submodel, fit.rotation[1])
 
@@ -157,5 +197,8 @@ def _seen_along(submodel: Submodel, down: Array) -> PlanView:
     right /= np.linalg.norm(right)
     # right-handed: x to the right and y down in the view from above, z down into the ground
     frame = np.stack([right, np.cross(down, right), down])
-    position, forward = submodel.centre @ frame[:2].T, submodel.rotation[:, 2] @ frame[:2].T
+    position, front = submodel.centre @ frame[:2].T, submodel.rotation[:, 2] @ frame.T
+    # a camera that looks straight down or up is directed to where the top of its photo is, or the bottom
+    steep = front[:, 2] * np.abs(front[:, 2])
+    forward = front[:, :2] - steep[:, None] * (submodel.rotation[:, 1] @ frame[:2].T)
     return PlanView(position @ np.array([1, 1j]), forward @ np.array([1, 1j]), frame)

@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.landmarks.control_points import KnownPoint
-from webapp.core.landmarks.georegister import georegister
+from webapp.core.landmarks.georegister import Georegistration, georegister
 from webapp.core.landmarks.placing import AlignedSubmodel, KnownPositions, NotAligned
 from webapp.core.landmarks.submodels import Points, Submodel
 from webapp.core.mapmodel.model import Map
@@ -46,7 +46,11 @@ _LEAST_WIDE = 0.05
 _HEIGHT_SHARE = 0.02
 """Standard deviation of a camera's height, which is unknown, over the extent of the known positions."""
 
-_FORMAT = 4
+_WORSE_SIGMAS = 2.5
+"""Median residual of a submodel's known positions, in standard deviations, up to which an adjustment agrees
+with them."""
+
+_FORMAT = 5
 """Part of the hash of the known positions: change it to recompute adjustments by new rules."""
 
 
@@ -115,43 +119,101 @@ def _adjust(
     """Join the submodels that can be georegistered."""
     of_photos = [*renumbered(rigid, found.number_of, turn_of=found.turn_of)]
     results = [georegister(submodel, known, points=points) for submodel in of_photos]
-    aligned = [
-        (submodel, result.aligned)
-        for submodel, result in zip(rigid.submodels, results, strict=True)
-        if isinstance(result.aligned, AlignedSubmodel)
-    ]
-    problem = _too_little([result for _, result in aligned])
-    if problem:
-        return replace(rigid, adjusted=adjusted, problem=problem)
     progress.note("adjusting the pieces to the known positions")
-    usable = np.isfinite(known.at)
-    for submodel, result in zip(of_photos, results, strict=True):
-        if isinstance(result.aligned, AlignedSubmodel):
-            usable[submodel.photo[result.aligned.contradicting]] = False
+    pictures = np.array([found.number_of[content] for content in rigid.contents], np.int64)
+    contradict: set[int] = set()  # Numbers of submodels
+    while True:
+        used = [
+            (number, result.aligned)
+            for number, result in enumerate(results)
+            if isinstance(result.aligned, AlignedSubmodel) and number not in contradict
+        ]
+        problem = _too_little([aligned for _, aligned in used])
+        if problem:
+            problem = "" if contradict else problem
+            break
+        usable = np.isfinite(known.at)
+        for order, aligned in used:
+            usable[of_photos[order].photo[aligned.contradicting]] = False
+        positions = _known_pictures(
+            rigid,
+            replace(known, at=np.where(usable, known.at, complex(math.nan, math.nan))),
+            points,
+            results=results,
+            found=found,
+            left_out=contradict,
+        )
+        model = run_adjustment(
+            adjust_job(
+                rigid,
+                positions,
+                aligned=[(rigid.submodels[number], aligned) for number, aligned in used],
+                matches=found.shared / MATCHES_FILE,
+                folder=found.folder,
+                out=found.folder / ADJUSTED / adjusted,
+            ),
+            progress=progress,
+        )
+        if model is None:
+            break
+        row = {content: n for n, content in enumerate(rigid.contents)}
+        photo = np.array([row[content] for content in model.contents], np.int64)
+        joined = Submodel(photo, model.centre, model.rotation, covariance=model.covariance)
+        there = replace(joined, photo=pictures[photo])
+        worse = {n for n, aligned in used if _contradicts(of_photos[n], aligned, joined=there, known=known)}
+        if not worse:
+            others = [
+                submodel
+                for number, submodel in enumerate(rigid.submodels)
+                if number not in dict(used) and not np.isin(submodel.photo, photo).any()
+            ]
+            return replace(rigid, submodels=(joined, *others), adjusted=adjusted, problem="")
+        contradict |= worse
+    return replace(rigid, adjusted=adjusted, problem=problem or "the photos do not agree with the positions")
+
+
+def _known_pictures(
+    rigid: StoredSubmodels,
+    known: KnownPositions,
+    points: Sequence[KnownPoint],
+    *,
+    results: Sequence[Georegistration],
+    found: Reconstruction,
+    left_out: Collection[int],
+) -> PicturePositions:
+    """Collect the known positions of the pictures that are in none of the submodels `left_out`."""
+    hidden = np.zeros(len(rigid.contents), np.bool_)
+    for order in left_out:
+        hidden[rigid.submodels[order].photo] = True
+    contents = [content for content, is_hidden in zip(rigid.contents, hidden, strict=True) if not is_hidden]
+    number = np.array([found.number_of[content] for content in contents], np.int64)
     wrong = {fit.name for result in results for fit in result.points if fit.contradicts}
-    number = np.array([found.number_of[content] for content in rigid.contents], np.int64)
-    at = np.where(usable, known.at, complex(math.nan, math.nan))[number]
-    positions = positions_of(
-        rigid.contents,
-        KnownPositions(at, known.sigma_px[number], known.derived[number]),
+    return positions_of(
+        contents,
+        KnownPositions(known.at[number], known.sigma_px[number], known.derived[number]),
         photo=number,
-        turn_deg=np.array([found.turn_of.get(content, 0) for content in rigid.contents], np.int64),
+        turn_deg=np.array([found.turn_of.get(content, 0) for content in contents], np.int64),
         points=[point for point in points if point.name not in wrong],
     )
-    matches, out = found.shared / MATCHES_FILE, found.folder / ADJUSTED / adjusted
-    job = adjust_job(rigid, positions, aligned=aligned, matches=matches, folder=found.folder, out=out)
-    model = run_adjustment(job, progress=progress)
-    if model is None:
-        return replace(rigid, adjusted=adjusted, problem="the photos do not agree with the positions")
-    row = {content: n for n, content in enumerate(rigid.contents)}
-    photo = np.array([row[content] for content in model.contents], np.int64)
-    others = [
-        submodel
-        for submodel, result in zip(rigid.submodels, results, strict=True)
-        if isinstance(result.aligned, NotAligned) and not np.isin(submodel.photo, photo).any()
+
+
+def _contradicts(
+    submodel: Submodel, before: AlignedSubmodel, *, joined: Submodel, known: KnownPositions
+) -> bool:
+    """Return whether the joined model is farther from a submodel's known positions than they are accurate,
+    and farther than they were from where the others put them."""
+    there = dict(zip(joined.photo.tolist(), joined.centre[:, :2] @ np.array([1.0, 1j]), strict=True))
+    rows = [
+        (abs(there[number] - known.at[number]), known.sigma_px[number], before.residual_px[row])
+        for row, number in enumerate(submodel.photo.tolist())
+        if number in there and np.isfinite(known.at[number]) and not before.contradicting[row]
     ]
-    joined = Submodel(photo, model.centre, model.rotation, covariance=model.covariance)
-    return replace(rigid, submodels=(joined, *others), adjusted=adjusted, problem="")
+    if not rows:
+        return False
+    off, sigma, left_out = np.array(rows).T
+    measured = left_out[np.isfinite(left_out)]
+    usual = float(np.median(measured)) if len(measured) else 0.0
+    return bool(np.median(off / sigma) > _WORSE_SIGMAS and np.median(off) > usual)
 
 
 def _too_little(aligned: Sequence[AlignedSubmodel]) -> str:

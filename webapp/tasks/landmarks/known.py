@@ -13,8 +13,9 @@ from webapp.core.mapmodel.accuracy import position_radius_px
 from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
 from webapp.core.mapmodel.panorama import experience_of
 
-_CLICK_PX = 1.0
-"""Standard deviation of a clicked position."""
+_CLICK_PX, _CLICK_SHARE = 1.0, 0.001
+"""Standard deviation of a clicked position along each axis: in map pixels, and as a fraction of the longer
+side of the image, as a large image is clicked on where it is shown reduced. The larger one counts."""
 
 AnyPhoto = Experience | UnplacedPhoto
 
@@ -31,12 +32,13 @@ def known_positions(photos: Sequence[AnyPhoto | None], the_map: Map) -> KnownPos
     """
     seen: set[int] = set()
     at = np.full(len(photos), complex(math.nan, math.nan))
-    sigma = np.full(len(photos), _CLICK_PX)
+    click = max(_CLICK_PX, _CLICK_SHARE * max(the_map.satellite.width, the_map.satellite.height))
+    sigma = np.full(len(photos), click)
     derived = np.zeros(len(photos), np.bool_)
     for number, photo in enumerate(photos):
         if isinstance(photo, Experience) and experience_of(photo.id) not in seen:
             seen.add(experience_of(photo.id))
             at[number] = complex(*photo.position)
-            sigma[number] = max(position_radius_px(photo, the_map) / RADIUS_OVER_SIGMA, _CLICK_PX)
+            sigma[number] = max(position_radius_px(photo, the_map) / RADIUS_OVER_SIGMA, click)
             derived[number] = photo.radius_px is not None
     return KnownPositions(at, sigma, derived)

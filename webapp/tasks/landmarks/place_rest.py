@@ -32,6 +32,10 @@ _NAMED = 3
 """Number of photos proposed to be placed next, and of nearest placed photos given with a suggestion."""
 
 
+_WIDEST = 0.5
+"""Radius over the shorter side of the image above which nothing is suggested."""
+
+
 @dataclass(frozen=True, slots=True)
 class SuggestedPlace:
     """Where a photo was probably taken."""
@@ -42,6 +46,8 @@ class SuggestedPlace:
     radius_px: float  # 68 % radius
     heading_deg: float | None  # Degrees clockwise from north; None if the map does not define north
     placed_by: tuple[int, ...]  # Ids of the nearest of the photos that it was placed by
+    # Whether a third known position shows how far off the places are; the radius is a guess without it
+    is_checked: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +71,8 @@ class CheckedPhoto:
     contradicts: bool  # It was left out as an outlier: the others agree on another position
     predicted: MapPixel | None = None  # Its position by the others
     residual_m: float | None = None  # The residual in metres, on a map with a georeference
+    # Direction from its own position to the predicted one, degrees clockwise from north
+    bearing_deg: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,6 +173,7 @@ def _of_submodel(
         yield from (LeftPhoto(photos[row].id, photos[row].photo, reason, help_) for row in free)
         return
     used = np.flatnonzero(np.isfinite(known.at[submodel.photo]) & ~aligned.contradicting)
+    is_checked = bool(np.isfinite(aligned.residual_px[used]).any())
     for row in free:
         photo, at = photos[row], MapPixel(float(aligned.at[row].real), float(aligned.at[row].imag))
         image = the_map.satellite
@@ -172,14 +181,20 @@ def _of_submodel(
             reason = f"it would be outside the image, at x {at.x:.0f}, y {at.y:.0f}"
             yield LeftPhoto(photo.id, photo.photo, reason)
             continue
+        radius = float(aligned.radius_px[row])
+        if radius > _WIDEST * min(image.width, image.height):
+            reason = f"it may be anywhere within {radius:.0f} pixels: place it, or a photo near it, by hand"
+            yield LeftPhoto(photo.id, photo.photo, reason, (photo.id,))
+            continue
         nearest = used[np.argsort(np.abs(aligned.at[used] - aligned.at[row]), kind="stable")[:_NAMED]]
         yield SuggestedPlace(
             photo.id,
             photo.photo,
             at,
-            float(aligned.radius_px[row]),
+            radius,
             _heading(float(aligned.angle_deg[row]), at, the_map),
             tuple(photos[other].id for other in nearest.tolist()),
+            is_checked,
         )
 
 
@@ -246,6 +261,8 @@ def _checked(
         if georeference is not None:
             metres = residual * georeference.metres_per_pixel(photo.position)
         there = complex(aligned.predicted[row])
+        off = there - complex(*photo.position)
+        bearing = _heading(math.degrees(math.atan2(off.real, -off.imag)), photo.position, the_map)
         yield CheckedPhoto(
             photo.id,
             photo.photo,
@@ -253,4 +270,5 @@ def _checked(
             bool(aligned.contradicting[row]),
             MapPixel(there.real, there.imag),
             metres,
+            bearing,
         )

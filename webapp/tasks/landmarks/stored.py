@@ -37,6 +37,7 @@ def as_json(report: RestReport, *, accepted: Collection[int] = ()) -> dict[str, 
             "residual_m": None if one.residual_m is None else round(one.residual_m, 2),
             "x_px": None if one.predicted is None else round(one.predicted.x, 2),
             "y_px": None if one.predicted is None else round(one.predicted.y, 2),
+            "bearing_deg": None if one.bearing_deg is None else round(one.bearing_deg, 1),
             "contradicts": one.contradicts,
         }
         for one in report.checked
@@ -73,6 +74,7 @@ def _place_json(one: SuggestedPlace, *, accepted: bool) -> dict[str, Any]:
         "radius_px": round(one.radius_px, 2),
         "heading_deg": None if one.heading_deg is None else round(one.heading_deg, 2),
         "placed_by": list(one.placed_by),
+        "is_checked": one.is_checked,
         "accepted": accepted,
     }
 
@@ -167,6 +169,7 @@ def suggested_of(cfg: Path, ids: Iterable[int], *, satellite_revision: int = 0) 
             one["radius_px"],
             one["heading_deg"],
             tuple(one["placed_by"]),
+            one.get("is_checked", True),
         )
         for one in _chosen(records, ids, missing="no place is suggested for this photo")
     ]

@@ -36,9 +36,14 @@ ENGLISH = PlanWords(
 )
 
 
+def direction_of(bearing_deg: float, words: PlanWords = ENGLISH) -> str:
+    """Return the nearest of the eight directions, in words."""
+    return words.directions[round(bearing_deg / STEP_DEG) % DIRECTIONS]
+
+
 def directions_of(spot: Mapping[str, Any], words: PlanWords = ENGLISH) -> str:
     """Return in words where to look at a spot of `planning.plan_json`."""
-    names = [words.directions[round(h / STEP_DEG) % DIRECTIONS] for h in spot["headings_deg"]]
+    names = [direction_of(h, words) for h in spot["headings_deg"]]
     return words.look.format(directions=", ".join(names)) if names else words.look_around
 
 

@@ -38,6 +38,9 @@ class SuggestedPlaceOut(Schema):
     radius_px = Float(metadata={"description": "Contains the true position in 68 % of cases."})
     heading_deg = Float(allow_none=True)
     placed_by = List(Integer(), metadata={"description": "Nearest placed photos that it was placed by."})
+    is_checked = Boolean(
+        metadata={"description": "False where two placed photos are too few to show how far off it is."}
+    )
 
 
 class LeftPhotoOut(Schema):
