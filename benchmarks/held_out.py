@@ -124,7 +124,7 @@ def _case(pipeline: LocalizationPipeline, path: Path, truth: Sequence[float] | N
     """Find places for a photo, and mark those within the place radius of the truth, or none without it."""
     indexed = pipeline.opened.indexed
     photo, *_ = pipeline._read(path)  # internal steps, since answers have no evidence vectors
-    found = find_places(indexed, pipeline._extract(photo), fov_deg=photo.fov.degrees)
+    found = find_places(indexed, pipeline.looks[0].extract(photo), fov_deg=photo.fov.degrees)
     radius = indexed.place_radius_px
     known = pipeline.looks[0].calibration
     stored = DEFAULT if known is None else known.calibration

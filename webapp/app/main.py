@@ -93,6 +93,9 @@ map_group = LazyGroup(
     help="Make and check map files.",
     commands={
         "check": LazyCommand("webapp.cli.map:check", "Check a map file and say how to fix what is wrong."),
+        "calibrate": LazyCommand(
+            "webapp.cli.map:calibrate_command", "Calibrate a map's probabilities, also on real queries."
+        ),
         "from-photos": LazyCommand("webapp.cli.map:from_photos", "Make a map from the photos in a folder."),
         "inspect": LazyCommand("webapp.cli.map:inspect", "Show how photos and plans are understood."),
         "write-exif": LazyCommand(

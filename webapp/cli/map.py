@@ -1,4 +1,4 @@
-"""`expmap map`: check a map, make one, show how files are understood, write positions into EXIF."""
+"""`expmap map`: check and calibrate a map, make one, show how files are understood, write positions into EXIF."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import click
 
 from webapp.cli.composition import settings_in_use
 from webapp.cli.exitcodes import BAD_MAP, DONE, SOME_FAILED
+from webapp.cli.options import MAP_FILE, chosen_settings, index_options, map_options, open_options
 from webapp.cli.progressbar import terminal_progress
 from webapp.core.geo.controlpoints import Model
 from webapp.core.hypotheses.places import KIND_WORDS
@@ -25,6 +27,8 @@ from webapp.progress import Progress
 from webapp.tasks.exchange.export_source import of_folder
 from webapp.tasks.exchange.write_exif import PhotoCopy
 from webapp.tasks.exchange.write_exif import write_exif as copy_photos
+from webapp.tasks.localize.calibrate import keep_queries, queries_file
+from webapp.tasks.localize.open_pipeline import open_pipeline
 from webapp.tasks.maps import check_map
 from webapp.tasks.maps import from_photos as map_from_photos
 from webapp.tasks.maps.inspect_images import ImageReport, PlanFacts, as_json, inspect_image
@@ -112,6 +116,40 @@ def _as_json(report: check_map.CheckReport) -> dict[str, object]:
         "place_radius_px": None if places is None else places.radius_px,
         "findings": findings,
     }
+
+
+@click.command("calibrate", short_help="Calibrate a map's probabilities, also on real queries.")
+@click.argument("cfg", metavar="MAP.cfg", type=MAP_FILE)
+@click.option(
+    "--queries", type=_FILE, metavar="QUERIES.csv", help="Photos with true positions; replaces the last list."
+)
+@click.option("--forget", is_flag=True, help="Remove the list of real queries.")
+@index_options
+@map_options
+def calibrate_command(cfg: Path, queries: Path | None, forget: bool, **chosen: Any) -> None:
+    """Calibrate the probabilities of a map on its own photos and on real queries.
+
+    QUERIES.csv is a list as for `expmap evaluate`. It is kept next to the map as NAME.queries.csv; the photos
+    stay where they are. The more there are, the less the map's own photos count.
+    """
+    if forget and queries is not None:
+        raise UsageError("cannot be used with --queries", where="--forget")
+    settings = chosen_settings(cfg, chosen)
+    if queries is not None:
+        keep_queries(cfg, queries, limits=settings.photo)
+    elif forget:
+        queries_file(cfg).unlink(missing_ok=True)
+    with terminal_progress("photos") as progress:
+        pipeline = open_pipeline(cfg, open_options(chosen), settings=settings, progress=progress)
+    for look in pipeline.looks:
+        if look.calibration is not None:
+            real, own = (
+                look.calibration.queries,
+                look.calibration.calibration.cases - look.calibration.queries,
+            )
+            click.echo(
+                f"{look.features}: calibrated on {own} of the map's own photos and {real} real queries"
+            )
 
 
 @click.command("write-exif", short_help="Write positions into the EXIF of photos, or of copies.")

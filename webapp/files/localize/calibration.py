@@ -35,6 +35,9 @@ class StoredCalibration:
     seconds: float  # Time that the calibration took
     # For two looks: time of the second one per photo, without feature extraction, on an idle machine.
     second_look_s: float = 0.0
+    # Number of real queries among the photos that it was fitted on, and a digest of their list
+    queries: int = 0
+    queries_key: str = ""
 
 
 def write(path: Path, stored: StoredCalibration) -> None:
@@ -67,6 +70,8 @@ def read(path: Path, *, numbers: int = EVIDENCE) -> StoredCalibration | None:
             photos=frozenset(raw["photos"]),
             seconds=float(raw["seconds"]),
             second_look_s=float(raw["second_look_s"]),
+            queries=int(raw.get("queries", 0)),
+            queries_key=str(raw.get("queries_key", "")),
         )
     except (OSError, ValueError, KeyError, TypeError):
         return None

@@ -11,6 +11,7 @@ from typing import NoReturn, TypeVar
 
 from webapp.core.geo.types import MapPixel
 from webapp.errors import TableError, UsageError
+from webapp.files import atomic
 
 T = TypeVar("T")
 
@@ -48,6 +49,19 @@ def read(path: Path) -> list[Query]:
     if not queries:
         raise TableError("the list has no queries", where=str(path), hint="add one line per photo: path;x;y")
     return queries
+
+
+def write(path: Path, queries: Sequence[Query]) -> None:
+    """Write a list of queries, with absolute paths of their photos. Raises UsageError, StorageError."""
+    lines = [HEADER]
+    for query in queries:
+        photo = str(query.path.resolve())
+        if set(photo) & set(";\r\n"):
+            raise UsageError(
+                "the path has a semicolon or a line break", where=photo, hint="rename the photo or its folder"
+            )
+        lines.append(f"{photo};{query.truth.x!r};{query.truth.y!r}")
+    atomic.write_text(path, "\n".join(lines) + "\n")
 
 
 def select(items: Sequence[T], limit: int | None) -> list[T]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import time
 from collections.abc import Sequence
@@ -12,21 +13,31 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.features.blank import why_blank
 from webapp.core.features.global_descriptor import GlobalDescriptor
 from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.hypotheses.calibration import DEFAULT, Calibration, Case, fit, probabilities
 from webapp.core.localize.landmarks import find_by_landmarks
 from webapp.core.localize.places import LocatedPlace, PlaceCandidate, locate
+from webapp.core.localize.verified import find_places
 from webapp.core.retrieval.indexed import IndexedMap
+from webapp.errors import PhotoError, TableError, UsageError
 from webapp.files.localize import calibration as calibrationfile
+from webapp.files.localize import queries_csv
 from webapp.files.localize.calibration import StoredCalibration, TrialRecord, recorded_trials
+from webapp.files.localize.queries_csv import Query
+from webapp.files.maps.folder import read_map
+from webapp.files.object_storage.storage import local
+from webapp.files.photos.photo import read_facts
 from webapp.progress import Progress
-from webapp.settings import RetrievalSettings
+from webapp.settings import PhotoLimits, RetrievalSettings
 from webapp.tasks.computing.in_order import ExecutionTarget, in_order
 from webapp.tasks.localize import geometry, orient_map
 from webapp.tasks.localize.open_index import MapSource, RebuiltValue
 from webapp.tasks.localize.open_map import OpenMap
-from webapp.tasks.localize.trials import Hidden, Trial, TriedMap, try_photos
+from webapp.tasks.localize.pipeline import Look
+from webapp.tasks.localize.query_photo import read_query
+from webapp.tasks.localize.trials import STRONG_INLIERS, Hidden, Trial, TriedMap, try_photos, with_queries
 
 _CHANGED_SHARE = 0.1
 """A map keeps its calibration while its photos, positions and place radius change by less than this."""
@@ -65,12 +76,95 @@ def calibrate_map(opened: OpenMap, *, progress: Progress) -> StoredCalibration:
     radius = opened.indexed.place_radius_px
     progress.note("calibrating the probabilities")
     started = time.perf_counter()
-    trials = run_trials(opened, progress=progress)
+    trials = run_all(opened, progress=progress)
     calibration = fit_trials(opened.indexed, [*trials.values()])
-    seconds = time.perf_counter() - started
-    stored = StoredCalibration(calibration, opened.plan.map_fov_deg, radius, photo_keys(opened), seconds)
+    stored = StoredCalibration(
+        calibration,
+        opened.plan.map_fov_deg,
+        radius,
+        photo_keys(opened),
+        time.perf_counter() - started,
+        queries=sum(trial.hidden == "nothing" for trial in trials.values()),
+        queries_key=queries_key(opened.cfg),
+    )
     calibrationfile.write(paths(opened)[-1], stored)
     return stored
+
+
+def queries_file(cfg: Path) -> Path:
+    """Return the list of a map's real queries with known positions, next to `map.cfg`."""
+    return cfg.with_name(f"{cfg.stem}.queries.csv")
+
+
+def queries_key(cfg: Path) -> str:
+    """Return a digest of that list; empty without one. Raises TableError."""
+    file = queries_file(cfg)
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
+    except FileNotFoundError:
+        return ""
+    except OSError as error:
+        raise TableError(f"the list cannot be read: {error.strerror}", where=str(file)) from error
+
+
+def keep_queries(cfg: Path, listed: Path, *, limits: PhotoLimits) -> None:
+    """Keep a list of real queries for the next calibration, after checking that each photo can be read.
+
+    Raises MapError, TableError, PhotoError, UsageError, StorageError.
+    """
+    if read_map(cfg).floors:
+        raise UsageError("a list of queries does not state floors", where=str(cfg), hint="use a map of one")
+    queries = queries_csv.read(listed)
+    for query in queries:
+        read_facts(query.path, limits=limits)
+    queries_csv.write(queries_file(cfg), queries)
+
+
+def run_all(opened: OpenMap, *, progress: Progress) -> dict[int, Trial]:
+    """Run the trials of a map and localize its real queries; see `with_queries`.
+
+    Raises Cancelled, StorageError, TableError.
+    """
+    trials = run_trials(opened, progress=progress)
+    key = queries_key(opened.cfg)
+    if not key:
+        return trials
+    listed = queries_csv.read(queries_file(opened.cfg))
+    progress.note("calibrating on real queries")
+    progress.size(len(listed))
+    found: dict[int, Trial] = {}
+    at = paths(opened)[-1].with_suffix(".queries")
+    with recorded_trials(at, f"{_trials_key(opened)} {key}") as (known, keep):
+        for number, query in enumerate(listed):
+            progress.check()
+            if number not in known:
+                try:
+                    known[number] = _try_query(opened, query, progress=progress)
+                except PhotoError as error:  # moved away since: the others still count
+                    progress.note(str(error))
+                    continue
+                keep(number, known[number])
+            if (record := known[number]) is not None:
+                found[number] = Trial.from_record(record)
+            progress.advance()
+    return with_queries(trials, found)
+
+
+def _try_query(opened: OpenMap, query: Query, *, progress: Progress) -> TrialRecord:
+    """Localize a real query; None for a panorama, or a photo with nothing to recognise. Raises PhotoError."""
+    described = opened.indexed.global_descriptors
+    describe = None if described is None else described.network
+    photos = read_query(local(query.path), settings=opened.settings, fov_deg=None, describe=describe)
+    features = Look(opened).extract(photos[0])
+    if len(photos) > 1 or why_blank(photos[0].gray.pixels, features):
+        progress.note(f"{query.name} is not used: a panorama, or nothing to recognise")
+        return None
+    started = time.perf_counter()
+    find = _tried(opened).find or partial(find_places, opened.indexed)
+    found = find(features, fov_deg=photos[0].fov.degrees)
+    strong = bool(found.places) and found.places[0].photos[0].inliers >= STRONG_INLIERS
+    seconds = time.perf_counter() - started
+    return Trial(found.evidence, found.places, (*query.truth,), "nothing", strong, seconds).to_record()
 
 
 def run_trials(opened: OpenMap, *, progress: Progress) -> dict[int, Trial]:
@@ -81,10 +175,7 @@ def run_trials(opened: OpenMap, *, progress: Progress) -> dict[int, Trial]:
     Returns:
         See `try_photos`.
     """
-    radius, fov_deg = opened.indexed.place_radius_px, opened.plan.map_fov_deg
-    key = f"{calibrationfile.TRIALS_FORMAT} {opened.map_hash} {radius} {fov_deg}"
-    key += "" if opened.landmarks is None else f" {opened.landmarks.key}"
-    with recorded_trials(paths(opened)[-1].with_suffix(".trials"), key) as (known, keep):
+    with recorded_trials(paths(opened)[-1].with_suffix(".trials"), _trials_key(opened)) as (known, keep):
         tried = _tried(opened)
         again = RebuiltValue(partial(_open_again, MapSource.of(opened)), tried)
         attempts = partial(
@@ -95,6 +186,13 @@ def run_trials(opened: OpenMap, *, progress: Progress) -> dict[int, Trial]:
             progress=progress,
         )
         return try_photos(tried, progress, attempts=attempts, known=known, keep=keep)
+
+
+def _trials_key(opened: OpenMap) -> str:
+    """Identify all that trials depend on."""
+    radius, fov_deg = opened.indexed.place_radius_px, opened.plan.map_fov_deg
+    key = f"{calibrationfile.TRIALS_FORMAT} {opened.map_hash} {radius} {fov_deg}"
+    return key if opened.landmarks is None else f"{key} {opened.landmarks.key}"
 
 
 def _tried(opened: OpenMap) -> TriedMap:
@@ -135,7 +233,7 @@ def still_fits(known: StoredCalibration, opened: OpenMap, *, place_radius_px: fl
     Args:
         place_radius_px: Place radius, if it is not the map's own.
     """
-    if known.map_fov_deg != opened.plan.map_fov_deg:
+    if known.map_fov_deg != opened.plan.map_fov_deg or known.queries_key != queries_key(opened.cfg):
         return False
     changed = len(known.photos ^ photo_keys(opened)) > _CHANGED_SHARE * max(len(known.photos), 1)
     radius = place_radius_px or opened.indexed.place_radius_px
@@ -175,9 +273,9 @@ def _errors(located: Sequence[LocatedPlace], trial: Trial) -> NDArray[np.float64
 
 
 def _first_positions(trials: Sequence[Trial]) -> list[tuple[PlaceCandidate, Trial]]:
-    """Return the best computed place of each trial with only the photo hidden and a certain match."""
+    """Return the best computed place of each trial with at most the photo hidden and a certain match."""
     computed = [(next((p for p in t.places if p.kind == "position"), None), t) for t in trials]
-    return [(p, t) for p, t in computed if p is not None and t.hidden == "photo" and t.strong]
+    return [(p, t) for p, t in computed if p is not None and t.hidden in ("photo", "nothing") and t.strong]
 
 
 def _is_schematic(indexed: IndexedMap, trials: Sequence[Trial]) -> bool:
@@ -234,13 +332,15 @@ def _radius_scale(
     weight regardless of their numbers, but a kind with few samples has less. The scale is at least 1, as a
     map's own photos are easier than later queries.
     """
-    ratios: dict[Hidden, list[float]] = {"photo": [], "place": []}
+    ratios: dict[Hidden, list[float]] = {"photo": [], "place": [], "nothing": []}
     for trial, at, error in zip(trials, located, errors, strict=True):
         if not at or trial.hidden == "surroundings":
             continue
         first = int(probabilities(trial.evidence, DEFAULT)[0].argmax())
         if error[first] <= place_radius_px and at[first].kind == "position":
             ratios[trial.hidden].append(float(error[first]) / at[first].sigma_px)
+    if len(ratios["nothing"]) >= _FEWEST_RADII:
+        ratios = {"nothing": ratios["nothing"]}
     if sum(map(len, ratios.values())) < _FEWEST_RADII:
         return DEFAULT.radius_scale
     weights = [np.full(len(r), 1.0 / max(len(r), _FEWEST_RADII)) for r in ratios.values()]

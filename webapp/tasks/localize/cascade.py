@@ -121,7 +121,7 @@ def calibrate_looks(pair: Pair, *, progress: Progress) -> StoredCalibration:
     if known is not None and still_fits(known, pair):
         return known
     started = time.perf_counter()
-    one, other = (calibrate.run_trials(o, progress=progress) for o in (first, second))
+    one, other = (calibrate.run_all(o, progress=progress) for o in (first, second))
     stored = StoredCalibration(
         _fit_looks((one, other), pair),
         first.plan.map_fov_deg,
@@ -129,6 +129,8 @@ def calibrate_looks(pair: Pair, *, progress: Progress) -> StoredCalibration:
         calibrate.photo_keys(first),
         time.perf_counter() - started,
         second_look_s=_undisturbed_s(other.values()),
+        queries=sum(number < 0 for number in one.keys() & other.keys()),
+        queries_key=calibrate.queries_key(first.cfg),
     )
     calibrationfile.write(path(first, second), stored)
     return stored

@@ -117,7 +117,7 @@ class Look:
         """
         watch = _Stopwatch({"read": photo.seconds})
         with watch.stage("extract"):
-            features = self._extract(photo)
+            features = self.extract(photo)
         opened, fov_deg = self.opened, photo.fov.degrees
         indexed = opened.indexed
         if blank := why_blank(photo.gray.pixels, features):
@@ -148,7 +148,8 @@ class Look:
         """Join the answers about the views of a panorama, which are photos of one spot; or return the one."""
         return joint.combine(answers, paths=self.opened.indexed.paths, top=_ALL)
 
-    def _extract(self, photo: QueryPhoto) -> Features:
+    def extract(self, photo: QueryPhoto) -> Features:
+        """Extract the features of this look."""
         choice, gray, settings = self.opened.choice, photo.gray, self.opened.settings
         features = extract(
             gray.pixels,

@@ -30,13 +30,17 @@ from webapp.progress import Progress
 
 FindPlaces = Callable[..., PlaceSearch]
 
-Hidden = Literal["photo", "place", "surroundings"]
+Hidden = Literal["photo", "place", "surroundings", "nothing"]
+"""What is hidden from the map in a trial; nothing for a real query with known position."""
 
 MOST_PHOTOS = 200
 
 _HIDDEN: tuple[Hidden, ...] = ("photo", "surroundings", "photo", "place")
 """What is hidden in successive trials: the photo alone, like a repeated visit; all photos of its place; or
 all of its surroundings, like a query from off the map."""
+
+_TRIALS_AS_QUERIES = 10
+"""Number of real queries that have as much weight as all trials with a photo that is on the map."""
 
 _OFF_MAP_WEIGHT = 0.2
 """Weight of an off-map trial relative to an on-map one: with the mix of `_HIDDEN`, a prior of 15/16 that a
@@ -58,7 +62,7 @@ again on another day."""
 _ALIKE = 0.5
 """Photos of an area with more than this share of the most votes count as the same capture."""
 
-_STRONG_INLIERS = 40
+STRONG_INLIERS = 40
 """Number of inliers from which on a photo certainly shows the same scene as the query."""
 
 
@@ -73,11 +77,12 @@ class Trial:
     strong: bool  # The best-matching photo certainly shows the same scene
     seconds: float  # Duration of the search
     floor: int = BASE_FLOOR  # Id of its floor
+    share: float = 1.0  # Factor on its weight; see `with_queries`
 
     @property
     def weight(self) -> float:
         """Weight in a fit."""
-        return _OFF_MAP_WEIGHT if self.hidden == "surroundings" else 1.0
+        return _OFF_MAP_WEIGHT if self.hidden == "surroundings" else self.share
 
     @property
     def _has_floors(self) -> bool:
@@ -195,6 +200,21 @@ def try_photos(
     return trials
 
 
+def with_queries(trials: Mapping[int, Trial], queries: Mapping[int, Trial]) -> dict[int, Trial]:
+    """Add real queries to trials; their numbers become negative.
+
+    The total weight of photos on the map is kept, and with it the prior that a query is on the map: the more
+    real queries there are, the less the map's own photos count.
+    """
+    if not queries:
+        return dict(trials)
+    own = sum(trial.hidden != "surroundings" for trial in trials.values())
+    real = len(queries) / (len(queries) + _TRIALS_AS_QUERIES) if own else 1.0
+    each = real * own / len(queries) if own else 1.0
+    found = {number: replace(trial, share=1.0 - real) for number, trial in trials.items()}
+    return found | {-1 - number: replace(query, share=each) for number, query in queries.items()}
+
+
 def _try(
     indexed: IndexedMap,
     photo: int,
@@ -221,7 +241,7 @@ def _try(
         features, fov_deg=float(indexed.fov_deg[photo]), hide=indexed.ids[without].tolist(), **depths
     )
     x, y = indexed.position[photo].tolist()
-    strong = bool(found.places) and found.places[0].photos[0].inliers >= _STRONG_INLIERS
+    strong = bool(found.places) and found.places[0].photos[0].inliers >= STRONG_INLIERS
     seconds, floor = time.perf_counter() - started, int(indexed.floor[photo])
     return Trial(found.evidence, found.places, (x, y), hidden, strong, seconds, floor)
 
