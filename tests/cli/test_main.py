@@ -21,6 +21,7 @@ COMMANDS = [
     "mission", "mission list", "mission new", "mission import", "mission inspect", "mission export",
     "robot", "robot send", "robot replay", "robot recover", "robot status",
     "foxglove", "foxglove localize", "foxglove mission",
+    "connect", "connect tak",
     "account", "account link", "account token", "account add", "account list",
     "settings", "backup", "restore", "library", "library move", "cluster", "cluster demo",
 ]  # fmt: skip

@@ -70,6 +70,8 @@ def place_of(name):
         return first, second if second in BELOW else "core"
     if first == "sample":
         return first, SAMPLE.get(second, "tasks")
+    if first == "connect":
+        return first, "" if second[:1].isupper() else second
     return "", first if first in {*BELOW, *ALONE, "app"} else ""
 
 
@@ -77,6 +79,9 @@ def allowed(subpackage, layer):
     """Return the subpackages and layers that modules of a layer may import from."""
     if layer == "app":
         return None
+    if subpackage == "connect":
+        below = reachable("cli") | COMMON
+        return {("connect", ""), ("connect", layer)} | {(p, n) for n in below for p in ("", "missions")}
     if layer in ALONE:
         return {("", name) for name in ALONE[layer]}
     extras = COMMON | ({"resources"} if layer in ("render", "jobs", "cli", "web") else set())
@@ -93,7 +98,7 @@ FIELDS = "webapp.robot.fields"
 def test_every_module_belongs_to_a_layer(modules):
     for module in modules:
         subpackage, layer = place_of(module.name)
-        assert layer in {*BELOW, *ALONE, "app"}, module.name
+        assert layer in {*BELOW, *ALONE, "app"} or subpackage == "connect", module.name
         if subpackage == "missions" and module.name != "webapp.missions":
             assert module.name.split(".")[2] in BELOW, module.name
 
@@ -132,6 +137,18 @@ def test_nothing_but_the_application_imports_a_subpackage(subpackage, layer):
     others = SUBPACKAGES - {subpackage}
     assert all(place[0] != subpackage for place in allowed("", layer))
     assert all(place[0] != subpackage for other in others for place in allowed(other, "tasks"))
+
+
+def test_nothing_imports_a_connection(modules):
+    """The application finds the folders itself, so that each can be removed."""
+    importing = [
+        f"{module.name} imports {name}"
+        for module in modules
+        for name in module.imported()
+        if name.startswith("webapp.connect.") and place_of(name) != place_of(module.name)
+        if name not in ("webapp.connect.Registration", "webapp.connect.connections")
+    ]
+    assert importing == []
 
 
 def test_packages_of_core_have_an_order(modules):

@@ -64,6 +64,8 @@ class LazyGroup(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands with their summaries, without importing them."""
+        if not self._lazy:
+            return
         with formatter.section("Commands"):
             formatter.write_dl([(name, command.summary) for name, command in self._lazy.items()])
 
@@ -302,6 +304,7 @@ root = LazyGroup(
         "foxglove": LazyCommand(
             "webapp.app.main:foxglove_group", "Show answers and missions in Foxglove, live or as MCAP files."
         ),
+        "connect": LazyCommand("webapp.app.connect:connect_group", "Connect with other programs."),
         "account": LazyCommand("webapp.app.main:account_group", "Manage accounts, sign-in links and tokens."),
         "settings": LazyCommand(
             "webapp.cli.settings:settings", "Print the value of each setting and where it comes from."

@@ -33,7 +33,7 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "field",
     ),
     "Localization": ("localization", "features", "large-maps", "scale", "measurements", "notation"),
-    "Robots": ("missions", "robots", "ros", "foxglove", "fusion", "mission-exports"),
+    "Robots": ("missions", "robots", "ros", "foxglove", "tak", "fusion", "mission-exports"),
     "Reference": ("commands", "python", "api", "settings", "errors", "results", "operating", "cluster"),
 }
 """Chapters of the manual in their order, by part: names of the files in `docs/`, without extension."""
