@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from webapp.missions.core.trajectory import assignment
-from webapp.missions.core.trajectory.assignment import MOST_TOGETHER, assign, linear_assignment
+from webapp.missions.core.trajectory import association
+from webapp.missions.core.trajectory.association import MOST_TOGETHER, assign, linear_assignment
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -35,7 +35,7 @@ def sizes(monkeypatch):
         found.append(len(costs))
         return linear_assignment(costs)
 
-    monkeypatch.setattr(assignment, "linear_assignment", counted)
+    monkeypatch.setattr(association, "linear_assignment", counted)
     return found
 
 

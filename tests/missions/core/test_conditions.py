@@ -5,7 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from webapp.errors import UsageError
-from webapp.missions.core.filters.nodes import (
+from webapp.missions.core.filters import (
+    MAX_CHARACTERS,
+    MAX_DEPTH,
     AllOf,
     Among,
     AnyOf,
@@ -15,9 +17,10 @@ from webapp.missions.core.filters.nodes import (
     Not,
     SortOrder,
     Unknown,
+    parse_columns,
+    parse_condition,
+    parse_order,
 )
-from webapp.missions.core.filters.parser import MAX_DEPTH, parse_columns, parse_condition, parse_order
-from webapp.missions.core.filters.tokens import MAX_CHARACTERS
 
 COLUMNS = {"class": "text", "confidence": "number", "time": "time"}
 CAR = Comparison("class", "=", "car")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from webapp.missions.core.trajectory.spans import Spans
+from webapp.missions.web.state import Spans
 
 
 @pytest.mark.parametrize(

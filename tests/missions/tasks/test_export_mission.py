@@ -14,7 +14,7 @@ from tests.kml_rules import KML, check_kml
 from webapp.errors import Conflict, NotFound, UsageError
 from webapp.missions.store import reading, tracks
 from webapp.missions.store.schema import Track
-from webapp.missions.tasks import export, icons
+from webapp.missions.tasks import export
 
 
 def whole(download):
@@ -46,20 +46,20 @@ def test_a_kmz_has_its_icons_inside(library, new_mission):
     named = [e.text for e in root.iter(f"{KML}href")]
     assert sorted(named) == sorted(set(archive.namelist()) - {"doc.kml"}) and len(named) == 2
     for name in named:
-        assert Image.open(io.BytesIO(archive.read(name))).size == (icons.SIDE, icons.SIDE)
+        assert Image.open(io.BytesIO(archive.read(name))).size == (export.SIDE, export.SIDE)
 
 
 @pytest.mark.parametrize("kind", ["car", "victim", "Ω", "", "a\x00b", "house fire", "\U0001f525"])
 def test_every_class_has_an_icon(kind):
-    picture = Image.open(io.BytesIO(icons.icon(kind)))
+    picture = Image.open(io.BytesIO(export.icon(kind)))
     assert picture.mode == "RGBA" and picture.getpixel((0, 0))[3] == 0
     assert picture.getpixel((14, 24))[3] == 255
-    assert icons.icon(kind) == icons.icon(kind)
+    assert export.icon(kind) == export.icon(kind)
 
 
 def test_icons_of_classes_differ():
     kinds = ("car", "victim", "house", "tree", "fire", "hazard", "box", "sign", "x", "y")
-    assert len({icons.icon(kind) for kind in kinds}) == len(kinds)
+    assert len({export.icon(kind) for kind in kinds}) == len(kinds)
 
 
 def test_fewer_poses_are_spread_evenly_with_first_and_last(library, new_mission, some_poses):

@@ -1,33 +1,52 @@
-"""Reads a file with tracks behind the gate for files of strangers: in a child process with limits."""
+"""Reads a file with tracks behind the gate for files of strangers: in a child process with limits.
+
+The child sends pieces of the file and remarks on it as messages of bytes: JSON in one line, and perhaps a
+table. Nothing in them is executed when they are decoded, unlike in pickles.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.geo.types import LatLon
 from webapp.errors import TrackError
 from webapp.files import gate
 from webapp.files.gate import Budget
+from webapp.missions.core.trajectory.records import Poses, Sighting
+from webapp.missions.core.trajectory.robotframe import LocalPoses
 from webapp.missions.files import track_reader
-from webapp.missions.files.piece_messages import (
-    Remark,
-    decode,
-    piece_messages,
-    remark_message,
-    values_message,
-)
 from webapp.missions.files.readers import rosbag
 from webapp.missions.files.readers.rosbag import Topic
-from webapp.missions.files.track_chunks import Findings, Piece, RobotPiece, WorldPiece
+from webapp.missions.files.track_chunks import (
+    CHUNK,
+    Findings,
+    LocalSighting,
+    Piece,
+    RobotObjects,
+    RobotPiece,
+    WorldObjects,
+    WorldPiece,
+)
 from webapp.missions.files.track_format import Selection, TrackFormat
 from webapp.progress import Progress
 from webapp.settings import FileLimits
 
 MAX_TRACKS = 10_000
 """Tracks of one file: each takes memory and a record until the end of an import."""
+
+_Remark = tuple[str, str, str, int]
+"""Method of `Findings`; its text, `where` and `count`."""
+
+_WORLD, _LOCAL = (1, 2, 1, 1, 3, 1), (1, 3, 1, 3)
+"""Numbers of columns of the fields of `Poses` and of `LocalPoses`."""
 
 
 def read(
@@ -56,7 +75,7 @@ def read(
     arguments = {"path": str(path), "kind": kind.name, "selection": asdict(selection)}
     with closing(_run("messages", arguments, kind=kind, progress=progress, budget=budget)) as messages:
         for message in messages:
-            found = decode(message)
+            found = _decode(message)
             if isinstance(found, tuple):
                 _remark(found, findings)
                 continue
@@ -75,7 +94,7 @@ def topics(path: Path, kind: TrackFormat) -> list[Topic]:
         TrackError: The bag is damaged, or reading it takes more than the default settings allow.
     """
     messages = _run("topic_messages", {"path": str(path), "suffix": kind.suffix}, kind=kind)
-    return [Topic(*decode(message)) for message in messages]  # type: ignore[misc]
+    return [Topic(*_decode(message)) for message in messages]  # type: ignore[misc]
 
 
 def messages(path: str, kind: str, *, selection: dict[str, Any]) -> Iterator[bytes]:
@@ -83,15 +102,15 @@ def messages(path: str, kind: str, *, selection: dict[str, Any]) -> Iterator[byt
     chosen = Selection(**{**selection, "topics": tuple(selection["topics"])})
     findings = _Remarks()
     for piece in track_reader.read(Path(path), kind, selection=chosen, findings=findings):
-        yield from map(remark_message, findings.taken())
-        yield from piece_messages(piece)
-    yield from map(remark_message, findings.taken())
+        yield from map(_remark_message, findings.taken())
+        yield from _piece_messages(piece)
+    yield from map(_remark_message, findings.taken())
 
 
 def topic_messages(path: str, suffix: str) -> Iterator[bytes]:
     """Yield the topics of a bag as messages; called in the child."""
     for topic in rosbag.topics(Path(path), suffix=suffix):
-        yield values_message((topic.name, topic.type, topic.messages, topic.readable))
+        yield _values_message((topic.name, topic.type, topic.messages, topic.readable))
 
 
 def _run(
@@ -113,7 +132,7 @@ def _run(
     )
 
 
-def _remark(remark: Remark, findings: Findings) -> None:
+def _remark(remark: _Remark, findings: Findings) -> None:
     method, text, where, count = remark
     if method == "note":
         findings.note(text)
@@ -141,7 +160,7 @@ class _Remarks(Findings):
             self.notes.append(sentence)
             self._add("note", sentence, where="", count=1)
 
-    def taken(self) -> list[Remark]:
+    def taken(self) -> list[_Remark]:
         """Return the remarks, and forget them."""
         new, self._new = self._new, {}
         return [(method, text, where, count) for (method, text), (where, count) in new.items()]
@@ -150,3 +169,73 @@ class _Remarks(Findings):
         if count:
             first, before = self._new.get((method, text), (where, 0))
             self._new[method, text] = (first, before + count)
+
+
+def _piece_messages(piece: Piece) -> Iterator[bytes]:
+    """Encode a piece; many objects become several messages, and several pieces."""
+    if isinstance(piece, WorldPiece):
+        yield _message(["world", piece.track, piece.source, piece.timed], astuple(piece.poses))
+    elif isinstance(piece, RobotPiece):
+        head = ["robot", piece.track, piece.source, piece.frame, piece.body, piece.timed]
+        yield _message(head, astuple(piece.poses))
+    else:
+        head = ["seen"] if isinstance(piece, WorldObjects) else ["seen locally", piece.frame]
+        for first in range(0, len(piece.sightings), CHUNK):
+            yield _message([*head, [astuple(one) for one in piece.sightings[first : first + CHUNK]]])
+
+
+def _remark_message(remark: _Remark) -> bytes:
+    """Encode a remark."""
+    return _message(["remark", *remark])
+
+
+def _values_message(values: Sequence[Any]) -> bytes:
+    """Encode a list of other values of JSON types."""
+    return _message(["values", *values])
+
+
+def _decode(message: bytes) -> Piece | _Remark | list[Any]:
+    text, _, data = message.partition(b"\n")
+    found: list[Any] = json.loads(text)
+    kind, rest = found[0], found[1:]
+    match kind:
+        case "world":
+            track, source, timed = rest
+            return WorldPiece(track, source, Poses(*_columns(data, _WORLD)), timed)
+        case "robot":
+            track, source, frame, body, timed = rest
+            return RobotPiece(track, source, frame, body, LocalPoses(*_columns(data, _LOCAL)), timed)
+        case "seen":
+            return WorldObjects(tuple(Sighting(*_fields(row, LatLon)) for row in rest[0]))
+        case "seen locally":
+            return RobotObjects(rest[0], tuple(LocalSighting(*_fields(row, tuple)) for row in rest[1]))
+        case "remark":
+            method, what, where, count = rest
+            return method, what, where, count
+    return rest
+
+
+def _message(head: list[Any], arrays: Sequence[NDArray[np.float64]] = ()) -> bytes:
+    text = json.dumps(head).encode()
+    return text + b"\n" + (np.column_stack(arrays).tobytes() if arrays else b"")
+
+
+def _columns(data: bytes, widths: Sequence[int]) -> Iterator[NDArray[np.float64]]:
+    """Split a table into arrays (n,) and (n, width)."""
+    table = np.frombuffer(data, dtype=np.float64).reshape(-1, sum(widths))
+    first = 0
+    for width in widths:
+        yield table[:, first].copy() if width == 1 else table[:, first : first + width].copy()
+        first += width
+
+
+def _fields(row: list[Any], place: type[LatLon] | type[tuple[Any, ...]]) -> Iterator[Any]:
+    """Convert lists to tuples; the fourth field is the position."""
+    for index, value in enumerate(row):
+        if index == _PLACE:
+            yield LatLon(*value) if place is LatLon else tuple(value)
+        else:
+            yield tuple(value) if isinstance(value, list) else value
+
+
+_PLACE = 3

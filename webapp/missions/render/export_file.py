@@ -13,7 +13,7 @@ from webapp.missions.core.trajectory.symbols import kind_colour
 from webapp.missions.store import reading
 from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import export
-from webapp.missions.tasks.icons import icon
+from webapp.missions.tasks.export import icon
 from webapp.render.folium_page import Feature, add_features, data_uri, empty_page
 from webapp.render.mercator import MercatorPicture, to_mercator
 from webapp.settings import Settings

@@ -15,7 +15,7 @@ from sqlalchemy import ColumnElement, Select, and_, not_, or_, select
 from sqlalchemy.orm import Session
 
 from webapp.errors import UsageError
-from webapp.missions.core.filters.nodes import (
+from webapp.missions.core.filters import (
     AllOf,
     Among,
     AnyOf,
@@ -26,8 +26,10 @@ from webapp.missions.core.filters.nodes import (
     Like,
     Not,
     Unknown,
+    parse_columns,
+    parse_condition,
+    parse_order,
 )
-from webapp.missions.core.filters.parser import parse_columns, parse_condition, parse_order
 from webapp.missions.store.schema import MissionObject, ObjectChange, ObjectSighting, Pose, Track
 from webapp.store.database import backend_of
 

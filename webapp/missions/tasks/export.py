@@ -1,14 +1,20 @@
-"""Exports a mission as a download: text formats, KML, KMZ with icons, or a KML network link."""
+"""Exports a mission as a download: text formats, KML, KMZ with drawn icons, or a KML network link."""
 
 from __future__ import annotations
 
+import io
+import unicodedata
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
+from PIL import Image, ImageDraw, ImageFont
+
 from webapp.errors import NotFound, PhotoError, UsageError
 from webapp.files.exchange.zip_stream import ZipMember, stream_zip
+from webapp.missions.core.trajectory import symbols
 from webapp.missions.core.trajectory.outgoing import MissionExport
+from webapp.missions.core.trajectory.symbols import Line, kind_colour, symbol_of
 from webapp.missions.files.csv_writer import format_objects_csv, format_poses_csv
 from webapp.missions.files.geojson_writer import format_mission_geojson
 from webapp.missions.files.gpx_writer import format_mission_gpx
@@ -16,7 +22,6 @@ from webapp.missions.files.kml_writer import format_mission_kml, format_network_
 from webapp.missions.files.trajectory_writer import format_kitti_zip, format_tum_zip
 from webapp.missions.store import missions, reading
 from webapp.missions.tasks import add_photo
-from webapp.missions.tasks.icons import icon
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.tasks.exchange.export_source import Download, plain_name
@@ -42,6 +47,16 @@ LIVE_POSES = 2000
 
 _BYTES_A_POSE = 120
 _LARGE_BYTES = 1_500_000_000
+
+SIDE = 64
+"""Width and height, pixels."""
+
+_FINE = 4
+"""Factor by which icons are drawn larger and then scaled down, for smooth edges."""
+
+_SCALE = SIDE * _FINE / symbols.SIDE
+_INK = "#14181a"
+_RIM = "#ffffff"
 
 
 def export_mission(
@@ -135,3 +150,55 @@ def _members(mission: MissionExport, picture: Callable[[str], Path | None]) -> I
     kml = format_mission_kml(mission, icons=icons, photos=photos)
     bytes_about = _BYTES_A_POSE * sum(track.count for track in mission.tracks)
     yield ZipMember("doc.kml", kml, large=bytes_about > _LARGE_BYTES)
+
+
+def icon(kind: str) -> bytes:
+    """Draw the symbol of a class of objects.
+
+    Args:
+        kind: Any text; a class without its own symbol shows its first letter, or a dot.
+
+    Returns:
+        PNG, `SIDE` x `SIDE`, transparent around the symbol, whose centre marks the position.
+    """
+    picture = Image.new("RGBA", (SIDE * _FINE, SIDE * _FINE))
+    pen = ImageDraw.Draw(picture)
+    symbol = symbol_of(kind)
+    outline = symbols.DISC if symbol is None else symbol.frame.outline
+    _stroke(pen, outline, _RIM, width=3.5, closed=True)
+    pen.polygon(_scaled(outline), fill=kind_colour(kind))
+    _stroke(pen, outline, _INK, width=1.5, closed=True)
+    if symbol is None:
+        _letter(pen, kind)
+    else:
+        for line in symbol.glyph:
+            _stroke(pen, line, _INK, width=1.8)
+    file = io.BytesIO()
+    picture.resize((SIDE, SIDE), Image.Resampling.LANCZOS).save(file, "PNG", optimize=True)
+    return file.getvalue()
+
+
+def _scaled(line: Line) -> list[tuple[float, float]]:
+    return [(x * _SCALE, y * _SCALE) for x, y in line]
+
+
+def _stroke(pen: ImageDraw.ImageDraw, line: Line, ink: str, *, width: float, closed: bool = False) -> None:
+    """Draw a line with round joints and ends."""
+    points = _scaled((*line, line[0]) if closed else line)
+    pen.line(points, fill=ink, width=round(width * _SCALE), joint="curve")
+    radius = width * _SCALE / 2
+    for x, y in points:
+        pen.ellipse((x - radius, y - radius, x + radius, y + radius), fill=ink)
+
+
+def _letter(pen: ImageDraw.ImageDraw, kind: str) -> None:
+    """Draw the first letter, or a dot if it is not an ASCII letter or digit."""
+    plain = unicodedata.normalize("NFKD", kind.strip()[:1]).encode("ascii", "ignore").decode()
+    letter = plain[:1].upper()
+    ((x, y),) = _scaled(((symbols.SIDE / 2, symbols.SIDE / 2),))
+    if not letter.isalnum():
+        radius = 3 * _SCALE
+        pen.ellipse((x - radius, y - radius, x + radius, y + radius), fill=_RIM)
+        return
+    font = ImageFont.load_default(size=16 * _SCALE)
+    pen.text((x, y), letter, fill=_RIM, font=font, anchor="mm")

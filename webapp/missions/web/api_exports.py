@@ -12,7 +12,7 @@ from apiflask.validators import Length, OneOf, Range
 from flask import Response, url_for
 
 from webapp.errors import NotFound, TooMany, UsageError
-from webapp.missions.core.filters.tokens import MAX_CHARACTERS
+from webapp.missions.core.filters import MAX_CHARACTERS
 from webapp.missions.render import export_file
 from webapp.missions.render.export_file import FORMATS
 from webapp.missions.store import shares

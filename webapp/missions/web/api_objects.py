@@ -10,11 +10,10 @@ from apiflask.validators import Length, OneOf, Range
 from sqlalchemy.orm import Session
 
 from webapp.core.texts import has_controls
-from webapp.missions.store import missions, object_states
+from webapp.missions.store import missions
 from webapp.missions.store import objects as mission_objects
 from webapp.missions.store.missions import MOST_SIGHTINGS
-from webapp.missions.store.object_states import STATES, StateChange
-from webapp.missions.store.objects import SORTS, Page
+from webapp.missions.store.objects import SORTS, STATES, Page, StateChange
 from webapp.missions.store.schema import Mission, MissionObject, ObjectChange, ObjectSighting
 from webapp.missions.web import context
 from webapp.missions.web.context import mission_role, open_mission
@@ -199,13 +198,13 @@ def set_state(mission_id: int, object_id: str, *, given: dict[str, Any]) -> dict
     with library().database.write() as session:
         row = session.get_one(Mission, mission.id, with_for_update=True)
         change = StateChange(by=who.name, **given)
-        found = object_states.change_state(session, row, object_id=object_id, change=change)
+        found = mission_objects.change_state(session, row, object_id=object_id, change=change)
         return _history(session, found)
 
 
 def _history(session: Session, row: MissionObject) -> dict[str, Any]:
     seen = missions.sightings(session, row.mission_id, row.object_id)
-    changes = object_states.changes(session, row.mission_id, row.object_id)
+    changes = mission_objects.changes(session, row.mission_id, row.object_id)
     return {
         **object_json(row),
         "sightings": [sighting_json(one) for one in seen],

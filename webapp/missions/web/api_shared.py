@@ -11,7 +11,8 @@ from flask import Response
 
 from webapp.errors import NotFound
 from webapp.files.photos.preview import Kind
-from webapp.missions.store import missions, object_states, reading, shares, tracks
+from webapp.missions.store import missions, reading, shares, tracks
+from webapp.missions.store import objects as mission_objects
 from webapp.missions.tasks import add_photo
 from webapp.missions.web import context, state
 from webapp.missions.web.api_missions import MissionSatelliteOut, TrackOut
@@ -141,7 +142,7 @@ def one_object(token: str, object_id: str) -> dict[str, Any]:
         row = missions.find_object(session, opened.mission.id, object_id)
         seen = missions.sightings(session, opened.mission.id, object_id)
         history = [state.shared_sighting(opened, one) for one in seen]
-        changes = object_states.changes(session, opened.mission.id, object_id)
+        changes = mission_objects.changes(session, opened.mission.id, object_id)
         states = [{**change_json(one), "by": None, "note": ""} for one in changes]
         return {**state.shared_object(opened, row), "sightings": history, "changes": states}
 

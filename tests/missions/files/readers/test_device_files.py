@@ -13,7 +13,7 @@ import pytest
 from webapp.errors import TrackError
 from webapp.files.exchange.times import unix_time
 from webapp.missions.files.readers import fit, geojson_reader, igc, rtklib, tcx
-from webapp.missions.files.readers.gps_time import utc_from_gps
+from webapp.missions.files.readers.time_units import utc_from_gps
 from webapp.missions.files.track_chunks import NO_TIME, UNTIMED, Findings, WorldObjects, WorldPiece
 from webapp.missions.files.track_reader import kind_of
 

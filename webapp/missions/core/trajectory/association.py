@@ -9,13 +9,14 @@ has the covariance P, may belong to it if
 and dt is the time between the detection and the interval in which the object was seen. The likeliest of these
 objects has the least d^2 + ln det S (Bar-Shalom and Fortmann, Tracking and Data Association, 1988).
 Detections of one class at one time come from one image and show different objects: they are assigned jointly,
-at the least sum (see `assignment.py`), which is approximate where more than MOST_TOGETHER
+at the least sum (see `assign`), which is approximate where more than MOST_TOGETHER
 detections compete for the same objects.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 
@@ -24,7 +25,6 @@ from numpy.typing import NDArray
 
 from webapp.core.geo.types import LatLon
 from webapp.core.geometry.robust import GATE_2D
-from webapp.missions.core.trajectory.assignment import MOST_TOGETHER, Costs, assign
 from webapp.missions.core.trajectory.distance import metres_per_degree
 from webapp.missions.core.trajectory.records import Sighting
 
@@ -49,6 +49,16 @@ _BLOCK = 256
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+
+MOST_TOGETHER = 100
+"""Largest number of rows solved exactly; so many columns per row are then enough."""
+
+_UNMATCHED = 1e6
+"""Cost of no column: more than the sum over any MOST_TOGETHER rows."""
+
+_Floats = NDArray[np.float64]
+_Costs = dict[int, float]
+"""Costs of a row, by column; columns that it must not get are missing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +176,7 @@ class _Kind:
                 ids[n] = self._new(frame[n], new_id(self.kind))
         return ids
 
-    def _costs(self, one: Sighting, *, free: Bools) -> Costs:
+    def _costs(self, one: Sighting, *, free: Bools) -> _Costs:
         """Return the costs of associating a detection with the likeliest objects inside the gate."""
         noise = _noise(one)
         near = np.flatnonzero(self._may_be_near(one, noise) & free)
@@ -227,3 +237,91 @@ def _metres(origins: Floats, position: LatLon) -> Floats:
     by_north, by_east = metres_per_degree(origins[:, 0])
     east = (position.lon - origins[:, 1] + 180.0) % 360.0 - 180.0
     return np.column_stack([east * by_east, (position.lat - origins[:, 0]) * by_north])
+
+
+def assign(rows: Sequence[_Costs]) -> dict[int, int]:
+    """Assign columns to as many rows as possible, at the least sum of costs; other rows are left out.
+
+    Connected components are solved separately; one of more than MOST_TOGETHER rows greedily, the cheapest
+    pair first, as the exact solution takes time cubic in the number of rows.
+    """
+    chosen: dict[int, int] = {}
+    for together in _components(rows):
+        some = {row: rows[row] for row in together}
+        chosen.update(_exact(some) if len(some) <= MOST_TOGETHER else _greedy(some))
+    return chosen
+
+
+def _components(rows: Sequence[_Costs]) -> Iterator[list[int]]:
+    """Group rows that share columns, directly or through other rows; rows without columns are left out."""
+    rows_of: dict[int, list[int]] = defaultdict(list)
+    for row, costs in enumerate(rows):
+        for column in costs:
+            rows_of[column].append(row)
+    seen: set[int] = set()
+    for first, costs in enumerate(rows):
+        if first in seen or not costs:
+            continue
+        seen.add(first)
+        found = [first]
+        for row in found:  # the list grows in the loop
+            for column in rows[row]:
+                fresh = [other for other in rows_of.pop(column, ()) if other not in seen]
+                seen.update(fresh)
+                found.extend(fresh)
+        yield sorted(found)
+
+
+def _exact(some: dict[int, _Costs]) -> dict[int, int]:
+    """Assign at the least sum; a row may also stay without a column, at the cost `_UNMATCHED`."""
+    columns = sorted({column for costs in some.values() for column in costs})
+    place = {column: number for number, column in enumerate(columns)}
+    table = np.full((len(some), len(columns) + len(some)), _UNMATCHED)
+    for n, costs in enumerate(some.values()):
+        table[n, [place[column] for column in costs]] = list(costs.values())
+    found = zip(some, linear_assignment(table), strict=True)
+    return {row: columns[n] for row, n in found if n < len(columns) and columns[n] in some[row]}
+
+
+def _greedy(some: dict[int, _Costs]) -> dict[int, int]:
+    pairs = sorted((cost, row, column) for row, costs in some.items() for column, cost in costs.items())
+    chosen: dict[int, int] = {}
+    taken: set[int] = set()
+    for _, row, column in pairs:
+        if row not in chosen and column not in taken:
+            chosen[row] = column
+            taken.add(column)
+    return chosen
+
+
+def linear_assignment(costs: _Floats) -> list[int]:
+    """Choose a column for each row of (n, m) costs, n <= m, at the least sum: Kuhn's method with potentials.
+
+    R. Burkard, M. Dell'Amico and S. Martello, Assignment Problems (2009), section 4.2.
+    """
+    n, m = costs.shape
+    of_row, of_column = np.zeros(n), np.zeros(m)
+    row_of: NDArray[np.intp] = np.full(m, -1)
+    for first in range(n):
+        least, way = np.full(m, np.inf), np.full(m, -1)
+        reached: list[int] = []
+        row, column = first, -1
+        while row >= 0:
+            slack = costs[row] - of_row[row] - of_column
+            better = slack < least
+            better[reached] = False
+            least[better], way[better] = slack[better], column
+            open_ = least.copy()
+            open_[reached] = np.inf
+            column = int(np.argmin(open_))
+            step = open_[column]
+            of_row[[first, *row_of[reached]]] += step
+            of_column[reached] -= step
+            least -= step
+            reached.append(column)
+            row = int(row_of[column])
+        while column >= 0:
+            before = int(way[column])
+            row_of[column] = row_of[before] if before >= 0 else first
+            column = before
+    return [int(np.flatnonzero(row_of == row)[0]) for row in range(n)]

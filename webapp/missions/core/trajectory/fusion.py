@@ -2,24 +2,43 @@
 
 An extended Kalman filter with innovation gating and an RTS smoother (H. Rauch, F. Tung, C. Striebel, "Maximum
 likelihood estimates of linear dynamic systems", AIAA Journal 3, 1965); see `smoother.py`.
+
+The noise of odometry and of each source of fixes is estimated from the track itself. Robots differ: the
+odometry of wheels that skid in turns is several times worse than that of rolling wheels. Receivers know their
+noise but not their multipath errors; many send the dilution of precision instead of a variance; a camera may
+be sure of a wrong place. So each fix is predicted from the ones before under several assumptions, and the one
+under which the fixes are most likely is chosen (F. Schweppe, "Evaluation of likelihood functions for Gaussian
+signals", IEEE Transactions on Information Theory 11, 1965). All sources are estimated together: one that
+states too little would otherwise make the others look noisy.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.geo.local import LocalFrame, centre_of
 from webapp.missions.core.trajectory.motion import HEADING, POSITION, VELOCITY, Noise
-from webapp.missions.core.trajectory.noise_fit import NoiseFit, fit
 from webapp.missions.core.trajectory.outliers import LEADING, find_outliers
 from webapp.missions.core.trajectory.records import Poses, Source, join, make_poses
 from webapp.missions.core.trajectory.smoother import OutlierLabels, SmoothedTrack, log_likelihood, smooth
 from webapp.missions.core.trajectory.steps import DeadReckoning, Fixes, Floats, Steps, make_steps
+
+_ODOMETRY = (0.25, 0.5, 1.0, 2.0, 4.0)
+"""Factors on the usual errors of odometry."""
+
+_STATED: Mapping[Source, tuple[float, ...]] = {"gps": (1.0, 2.0, 4.0), "visual": (1.0, 2.0, 4.0, 8.0)}
+"""Factors on the stated standard deviations of a source: none below 1, as none is better than it states.
+
+Positions set by hand are believed."""
+
+_FIRST = (1.0, 2.0)
+"""Factors on the odometry under which several sources are compared, before its own factor is refined."""
 
 DEFAULT_SIGMA_M: Mapping[Source, float] = {"gps": 5.0, "visual": 5.0, "manual": 2.0}
 """Standard deviation per axis of fixes without a covariance, by their source."""
@@ -50,6 +69,76 @@ LEAST_SPEED_MPS = 0.3
 """Without odometry, the course is the heading where the speed exceeds this and its standard deviation."""
 
 
+@dataclass(frozen=True, slots=True)
+class _NoiseFit:
+    """Factors on the assumed standard deviations."""
+
+    odometry: float = 1.0
+    stated: Mapping[Source, float] = field(default_factory=dict)  # By source; 1 where it is missing
+
+    def noise(self, usual: Noise) -> Noise:
+        """Return the scaled noise of the odometry."""
+        by = self.odometry
+        return replace(
+            usual,
+            forward=usual.forward * by,
+            sideways=usual.sideways * by,
+            heading=usual.heading * by,
+            turning=usual.turning * by,
+            scale=usual.scale * by,
+            turn_scale=usual.turn_scale * by,
+            curve=usual.curve * by,
+        )
+
+    def fixes(self, stated: Fixes, *, source: NDArray[np.str_]) -> Fixes:
+        """Return the fixes with scaled covariances.
+
+        Args:
+            source: (m,) str. Where each came from.
+        """
+        by = np.ones(len(stated))
+        for name, factor in self.stated.items():
+            by[source == name] = factor**2
+        return replace(stated, covariance=stated.covariance * by[:, None, None])
+
+
+def _fit_noise(
+    steps: Steps,
+    fixes: Fixes,
+    *,
+    source: NDArray[np.str_],
+    usual: Noise,
+    judged: Callable[[Fixes], OutlierLabels | None] = lambda _: None,
+) -> _NoiseFit:
+    """Estimate the noise of the odometry and of each source of fixes.
+
+    Args:
+        steps, fixes: A sample of the track is enough: it is filtered once for each assumption.
+        source: (m,) str. Where each fix came from.
+        judged: Finds outliers under an assumed covariance, as they are no evidence of a noisy source. The
+            judgement is used if it makes the fixes likelier.
+    """
+    present = [name for name in _STATED if (source == name).any()]
+    stated = [dict(zip(present, by, strict=True)) for by in product(*(_STATED[name] for name in present))]
+    scaled = [_NoiseFit(stated=one).fixes(fixes, source=source) for one in stated]
+    judgements = [judged(one) for one in scaled]
+
+    def likelihood(odometry: float, which: int) -> float:
+        noise = _NoiseFit(odometry).noise(usual)
+        return max(
+            log_likelihood(steps, scaled[which], noise=noise, judged=judgement)
+            for judgement in (None, judgements[which])
+        )
+
+    every = _ODOMETRY if np.isfinite(steps.moves).any() else (1.0,)
+    first = every if len(present) < 2 else [one for one in every if one in _FIRST]
+    found = {pair: likelihood(*pair) for pair in product(first, range(len(stated)))}
+    best = max(found, key=lambda pair: found[pair])[1]
+    found |= {(by, best): likelihood(by, best) for by in every if (by, best) not in found}
+    odometry, which = max(found, key=lambda pair: found[pair])
+    return _NoiseFit(odometry, stated[which])
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class GatingResult:
     """Innovations of the fixes of one track, and which fixes the filter rejected."""
@@ -77,7 +166,7 @@ class Fusion:
     gating: dict[Source, GatingResult]
     # Start time of each piece: that of the track, and of each jump to another position.
     begins_s: tuple[float, ...]
-    fit: NoiseFit  # Factors on the noise of odometry and sources, estimated from this track
+    fit: _NoiseFit  # Factors on the noise of odometry and sources, estimated from this track
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,27 +226,27 @@ def _fit(
     frame: LocalFrame,
     usual: Noise,
     check: Callable[[int], None],
-) -> NoiseFit:
+) -> _NoiseFit:
     """Estimate the noise of odometry and sources, from fixes with independent errors."""
     apart = {source: _decorrelated(poses) if source == "gps" else poses for source, poses in tracks.items()}
     sample = _all_fixes(apart, most=SAMPLE)
     if len(sample.number) < LEAST_SAMPLE:
-        return NoiseFit()
+        return _NoiseFit()
     steps, fixes = _filter_inputs(odometry, sample, frame=frame, most=4 * SAMPLE)
     coarse, _ = _filter_inputs(odometry, sample, frame=frame, most=SAMPLE)
-    worse = NoiseFit(odometry=WORSE).noise(usual)
+    worse = _NoiseFit(odometry=WORSE).noise(usual)
     nodes = np.searchsorted(coarse.times_s, sample.poses.times_s)
 
     def judged(assumed: Fixes) -> OutlierLabels | None:
         return find_outliers(coarse, replace(assumed, node=nodes), noise=worse, check=check)
 
-    return fit(steps, fixes, source=sample.source, usual=usual, judged=judged)
+    return _fit_noise(steps, fixes, source=sample.source, usual=usual, judged=judged)
 
 
 def _judged(
     odometry: Poses | None,
     every: _AllFixes,
-    found: NoiseFit,
+    found: _NoiseFit,
     *,
     frame: LocalFrame,
     usual: Noise,

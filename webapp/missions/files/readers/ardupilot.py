@@ -14,8 +14,8 @@ from dataclasses import replace
 from typing import Any, BinaryIO, NamedTuple
 
 from webapp.errors import TrackError
-from webapp.missions.files.readers.gps_time import utc_from_week
 from webapp.missions.files.readers.line_buffer import LineBuffer, LinePoint
+from webapp.missions.files.readers.time_units import utc_from_week
 from webapp.missions.files.track_chunks import Findings, Piece
 from webapp.missions.files.track_format import Beginning, FormatAbout, TrackFormat, opened
 

@@ -1,27 +1,47 @@
-"""The text of a table: its header, its columns, and its cells as numbers, times and angles."""
+"""The text of a table: its header, its columns, and its cells as numbers, times and angles.
+
+Absolute times come before relative ones, and UTC before local time. Decimal commas and thousands points are
+decided by whole columns: `1.234` is 1.234 or 1234, and other cells of its column show which, such as
+`1.200,5` or `12,5`, or else the other columns do. Latitudes and longitudes have no thousands: each mark in
+them is a decimal one.
+"""
 
 from __future__ import annotations
 
 import math
 import re
-from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from enum import IntEnum
 from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
 from webapp.core.column_words import DATE_ORDERS, EXCEL_DAYS
-from webapp.core.columns import POSE_FIELDS, Columns, guess_columns, parse_columns, unit_word
+from webapp.core.columns import (
+    POSE_FIELDS,
+    Column,
+    Columns,
+    candidates,
+    guess_columns,
+    parse_columns,
+    unit_word,
+)
 from webapp.errors import TrackError, UsageError
-from webapp.files.exchange.cells import angle, day_order, moment, quantity, split_datetime
+from webapp.files.exchange.cells import angle, day_order, moment, quantity, seconds_of_day, split_datetime
 from webapp.files.exchange.times import unix_time
 from webapp.files.text_file import MAX_LINE, cell_text, delimiter_of, numbered_lines, split_row
 from webapp.missions.core.trajectory.records import SOURCES, Source
-from webapp.missions.files.readers.number_marks import NumberMarks, find_marks
-from webapp.missions.files.readers.table_times import choose_times, plain_moment
 from webapp.missions.files.readers.time_units import LAST_S, ticks
 from webapp.missions.files.track_chunks import Findings
+
+_BLANK = "'’ \u00a0\u2009\u202f"
+_NUMBER = re.compile(rf"[+-]?(\d[\d.,{_BLANK}]*)[^\d]*")
+_GROUPS = re.compile(r"[1-9]\d{0,2}([.,])\d{3}(?:\1\d{3})*")
+_BLANKS = re.compile(rf"(?<=\d)[{_BLANK}](?=\d{{3}}(?:\D|$))")
+_DECIMAL = re.compile(r"\d([.,])\d")
+_OTHER = {".": ",", ",": "."}
 
 _HEMISPHERES = {"lat": "NS", "lon": "EW"}
 _EXCEL_EPOCH_S = -2_209_161_600.0
@@ -41,6 +61,110 @@ _MOST_IN_COMMENTS = MAX_LINE
 
 Key = tuple[Source, str]
 
+_ABSOLUTE_S = 1e8
+"""1973: smaller numbers count from another moment, such as the start of the recording."""
+
+_MOST_CANDIDATES = 20
+"""Number of columns for times that are compared."""
+
+_EXIF_DATE = re.compile(r"(\d{4}):(\d\d):(\d\d)(?=[ T]|$)")
+
+
+@dataclass(slots=True)
+class _Seen:
+    """What the cells of a column show: a cell for each mark."""
+
+    decimal: dict[str, str] = field(default_factory=dict)
+    thousands: dict[str, str] = field(default_factory=dict)
+    unsure: dict[str, str] = field(default_factory=dict)
+
+    def add(self, text: str, *, is_angle: bool) -> None:
+        if is_angle:
+            for mark in _DECIMAL.findall(text):
+                self.decimal.setdefault(mark, text)
+            return
+        found = _NUMBER.fullmatch(text)
+        if found is None:
+            return
+        digits = _BLANKS.sub("", found[1]).rstrip(f".,{_BLANK}")
+        marks = [one for one in digits if one in _OTHER]
+        if len(set(marks)) == 2 and marks.count(marks[-1]) == 1:
+            self.decimal.setdefault(marks[-1], text)
+            self.thousands.setdefault(marks[0], text)
+        elif len(marks) == 1 and not _GROUPS.fullmatch(digits):
+            self.decimal.setdefault(marks[0], text)
+        elif len(marks) == 1:
+            self.unsure.setdefault(marks[0], text)
+        elif marks and _GROUPS.fullmatch(digits):
+            self.thousands.setdefault(marks[0], text)
+
+    @property
+    def sure(self) -> set[str]:
+        """The decimal marks that the column shows: none, one, or both if it contradicts itself."""
+        return {*self.decimal, *(_OTHER[mark] for mark in self.thousands)}
+
+
+@dataclass(frozen=True, slots=True)
+class _NumberMarks:
+    """The decimal mark of each column, by field; the other one separates thousands."""
+
+    decimal: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()  # What was decided, for people
+
+    def plain(self, text: str, name: str) -> str:
+        """Write the numbers of a cell with decimal points and without thousands."""
+        mark = self.decimal.get(name)
+        if mark is None:
+            return text.replace(",", ".") if "," in text and "." not in text else text
+        if not text.isascii() or " " in text or "'" in text:
+            text = _BLANKS.sub("", text)
+        return text.replace(_OTHER[mark], "").replace(mark, ".")
+
+
+def _find_marks(rows: Iterable[Mapping[str, str]], *, angles: Sequence[str], usual: str) -> _NumberMarks:
+    """Decide on the marks of all columns.
+
+    Args:
+        rows: The cells of each row that hold numbers, by field.
+        angles: Fields of latitudes and longitudes.
+        usual: What a comma is where no cell shows it: "," for decimal, "." for one that separates thousands.
+    """
+    seen: dict[str, _Seen] = {}
+    for row in rows:
+        for name, text in row.items():
+            if "." in text or "," in text:
+                seen.setdefault(name, _Seen()).add(text, is_angle=name in angles)
+    sure = {mark for one in seen.values() for mark in one.sure}
+    decimal: dict[str, str] = {}
+    notes: list[str] = []
+    for name, one in seen.items():
+        if len(one.sure) == 2:
+            notes.append(f"{name} has decimal points and decimal commas: both are taken as decimal")
+            continue
+        if one.sure:
+            (decimal[name],) = one.sure
+        elif one.unsure:
+            decimal[name] = next(iter(sure)) if len(sure) == 1 else "," if "," in one.unsure else "."
+            if not sure and decimal[name] == ",":
+                decimal[name] = usual
+    return _NumberMarks(decimal, (*notes, *_mark_notes(seen, decimal)))
+
+
+def _mark_notes(seen: Mapping[str, _Seen], decimal: Mapping[str, str]) -> list[str]:
+    known = _NumberMarks(decimal)
+    notes = []
+    for name, mark in decimal.items():
+        grouped = seen[name].thousands.get(_OTHER[mark]) or seen[name].unsure.get(_OTHER[mark])
+        if grouped:
+            kind = "points" if mark == "," else "commas"
+            value = known.plain(grouped, name)
+            notes.append(f"{kind} in {name} separate thousands: {grouped} was read as {value}")
+    commas = ((name, {**seen[name].unsure, **seen[name].decimal}.get(",")) for name in decimal)
+    shown = next(((name, text) for name, text in commas if text and decimal[name] == ","), None)
+    if shown is not None:
+        notes.append(f"commas are decimal: {shown[1]} was read as {known.plain(shown[1], shown[0])}")
+    return notes
+
 
 @dataclass(frozen=True, slots=True)
 class Table:
@@ -51,7 +175,7 @@ class Table:
     skip: int  # Number of the last line of the header and the comments before the rows
     order: str = ""  # "ymd", "dmy", "mdy" or "". Order of day, month and year in dates; empty if unknown.
     header: tuple[str, ...] = ()  # Empty if there is none
-    marks: NumberMarks = field(default_factory=NumberMarks)
+    marks: _NumberMarks = field(default_factory=_NumberMarks)
     remarks: tuple[str, ...] = ()  # How the columns were understood
 
     def text(self, fields: Sequence[str], name: str) -> str:
@@ -87,7 +211,7 @@ class Table:
 
     def time(self, fields: Sequence[str]) -> float:
         """Return the time of a row, combining a date and a time column if necessary; NaN without a time."""
-        text, day = (plain_moment(self.text(fields, name)) for name in ("time", "date"))
+        text, day = (_plain_moment(self.text(fields, name)) for name in ("time", "date"))
         value = unix_time(text)
         if math.isnan(value) and day:
             value = unix_time(day) if ":" in day else moment(day, text, order=self.order)
@@ -156,7 +280,7 @@ def open_table(file: BinaryIO, columns: str | None) -> Table:
     if columns:
         return table
     rows = [cells for _, cells in islice(table_rows(file, table), _TRIED)]
-    chosen, said = choose_times(table.header, table.columns, rows=rows)
+    chosen, said = _choose_times(table.header, table.columns, rows=rows)
     return replace(table, columns=chosen, remarks=(*table.remarks, *said))
 
 
@@ -189,7 +313,7 @@ def with_marks(file: BinaryIO, table: Table) -> Table:
         return table
     names = [name for name in table.columns if any(POSE_FIELDS.units[name])]
     rows = ({name: table.text(cells, name) for name in names} for _, cells in table_rows(file, table))
-    marks = find_marks(rows, angles=("lat", "lon"), usual="." if table.delimiter == "," else ",")
+    marks = _find_marks(rows, angles=("lat", "lon"), usual="." if table.delimiter == "," else ",")
     return replace(table, marks=marks, remarks=(*table.remarks, *marks.notes))
 
 
@@ -307,3 +431,87 @@ def _quantity(text: str, *, scale: float, field: str) -> float:
     number, blank, unit = text.partition(" ")
     text = f"{number} {unit_word(unit)}" if blank and unit.strip() else text
     return quantity(text, scale=scale, units=POSE_FIELDS.units[field])
+
+
+class _Holds(IntEnum):
+    """What a column holds, the best last."""
+
+    NOTHING = 0
+    RELATIVE = 1
+    CLOCK = 2  # Times of day, for which another column has the date
+    MOMENTS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class _Candidate:
+    column: Column
+    basis: int  # 1 for UTC, 0 for unknown, -1 for local time
+    holds: _Holds
+
+    @property
+    def rank(self) -> tuple[bool, int, int, int]:
+        return self.holds >= _Holds.CLOCK, self.basis, self.holds, -self.column.index
+
+
+def _choose_times(
+    header: Sequence[str], columns: Columns, *, rows: Sequence[Sequence[str]]
+) -> tuple[Columns, list[str]]:
+    """Choose among several columns for times and dates.
+
+    Args:
+        columns: As guessed from the header alone.
+        rows: The first rows.
+
+    Returns:
+        columns: With the chosen ones as `time` and `date`.
+        remarks: Sentences on the choice, if there was one.
+    """
+    dates = candidates(header, "date")
+    times = [
+        _Candidate(column, basis, _holds(column, rows, has_date=bool(dates)))
+        for column, basis in candidates(header, "time")[:_MOST_CANDIDATES]
+    ]
+    if not times:
+        return columns, []
+    best = max(times, key=lambda one: one.rank)
+    chosen = {**columns, "time": best.column}
+    remarks = []
+    if best.holds is _Holds.MOMENTS:
+        chosen.pop("date", None)
+    elif dates:
+        chosen["date"] = min(dates, key=lambda one: abs(one[1] - best.basis))[0]
+    names = [header[one.column.index].strip() for one in times if one.holds > _Holds.NOTHING]
+    name = header[best.column.index].strip()
+    if len(names) > 1:
+        others = ", ".join(one for one in names if one != name)
+        remarks.append(f"the times are read from the column {name}, not from {others}")
+    if best.holds is not _Holds.NOTHING and best.basis < 0:
+        remarks.append(f"the local times of {name} were read as UTC")
+    return chosen, remarks
+
+
+def _plain_moment(text: str) -> str:
+    """Write the date of a time as in Exif, `2026:05:01 10:00:00`, with hyphens."""
+    return _EXIF_DATE.sub(r"\1-\2-\3", text, count=1) if text[4:5] == ":" else text
+
+
+def _holds(column: Column, rows: Sequence[Sequence[str]], *, has_date: bool) -> _Holds:
+    cells = [row[column.index].strip().lstrip("'") for row in rows if column.index < len(row)]
+    found = Counter(_kind(cell, column.scale, has_date=has_date) for cell in cells if cell)
+    return max(found, key=lambda one: (found[one], one), default=_Holds.NOTHING)
+
+
+def _kind(cell: str, scale: float, *, has_date: bool) -> _Holds:
+    cell = _plain_moment(cell)
+    if not math.isnan(unix_time(cell)):
+        return _Holds.MOMENTS
+    if any(not math.isnan(moment(*split_datetime(cell), order=order)) for order in ("dmy", "mdy")):
+        return _Holds.MOMENTS
+    if not math.isnan(seconds_of_day(cell, packed=has_date and scale == 1.0)):
+        return _Holds.CLOCK if has_date else _Holds.NOTHING
+    number, _, unit = cell.replace(",", ".").partition(" ")
+    value = quantity(number, scale=scale, units={}) if not unit or unit_word(unit) else math.nan
+    if math.isnan(value):
+        return _Holds.NOTHING
+    value = value / ticks(value) if scale == 1.0 else value
+    return _Holds.MOMENTS if abs(value) >= _ABSOLUTE_S else _Holds.RELATIVE

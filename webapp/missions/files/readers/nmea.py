@@ -9,20 +9,18 @@ distinguished by their talkers (`GP`, `GN`).
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime, time, timedelta
+from functools import reduce
+from operator import xor
 from typing import BinaryIO
 
+from webapp.core.geo.types import LatLon
 from webapp.files.text_file import numbered_lines
 from webapp.missions.core.trajectory.records import Sighting, make_poses
-from webapp.missions.files.readers.nmea_sentences import (
-    Sentence,
-    has_checksum,
-    is_sentence,
-    sentences,
-)
 from webapp.missions.files.track_chunks import (
     CHUNK,
     UNTIMED_OBJECTS,
@@ -33,11 +31,193 @@ from webapp.missions.files.track_chunks import (
 )
 from webapp.missions.files.track_format import FormatAbout, TrackFormat, opened
 
+_INVALID = "fixes marked invalid by the receiver"
+_ESTIMATED = "positions that the receiver estimated without satellites"
+_MADE_UP = "positions that were simulated or entered by hand"
+_CUT = "sentences that are cut off"
+
+_LEAST = {"RMC": 9, "GGA": 6, "GNS": 6, "GLL": 4, "GST": 8, "ZDA": 4, "WPL": 5}
+"""Sentences that are used, and how many fields they have at least."""
+
+_AT = {"RMC": 2, "GGA": 1, "GNS": 1, "GLL": 0, "WPL": 0}
+"""Index of the latitude, which is followed by N or S, the longitude, and E or W."""
+
+_CLOCK_AT = {"GLL": 4}
+_BY_MODE = {"N": _INVALID, "E": _ESTIMATED, "S": _MADE_UP, "M": _MADE_UP}
+_BY_QUALITY = {0: _INVALID, 6: _ESTIMATED, 7: _MADE_UP, 8: _MADE_UP}
+_SENTENCE = re.compile(r"([A-Z][A-Z0-9]{4,5}),([^*]*)(?:\*([0-9A-Fa-f]{2}).*)?", re.DOTALL)
+_ANGLE = re.compile(r"(\d{1,3})(\d\d(?:\.\d*)?)")
+_CLOCK = re.compile(r"(\d\d)(\d\d)(\d\d)(?:\.(\d*))?")
+_MOST_DEG = {"NS": 90.0, "EW": 180.0}
+"""Of the letters of both sides; the second one is negative."""
+
 _FIRST_YEAR = 1990
 """Receivers that do not know the date yet begin in 1980."""
 
 _TURNS = 0.5
 """Least share of changes of the talker for which a log has two receivers: one changes it rarely."""
+
+
+class _Unreadable(ValueError):
+    """A sentence is left out; its text is the reason."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Sentence:
+    """A sentence that is used; unknown numbers are NaN."""
+
+    kind: str  # RMC, GGA ...
+    talker: str  # GP, GN ...
+    clock: time | None = None
+    day: date | None = None
+    lat: float = math.nan
+    lon: float = math.nan
+    height_m: float = math.nan
+    heading_deg: float = math.nan
+    var_e: float = math.nan
+    var_n: float = math.nan
+    bad: str = ""  # Why its position is not used
+    name: str = ""  # Of a waypoint
+
+    @property
+    def moment(self) -> datetime | None:
+        """Date and time; None if either is unknown."""
+        if self.day is None or self.clock is None:
+            return None
+        return datetime.combine(self.day, self.clock, tzinfo=UTC)
+
+    @property
+    def place(self) -> LatLon | None:
+        return None if math.isnan(self.lat) else LatLon(self.lat, self.lon)
+
+
+def _is_sentence(line: str) -> bool:
+    """Return whether a line holds an NMEA sentence, possibly after a logger's own time stamp."""
+    _, dollar, body = line.partition("$")
+    return bool(dollar) and len(body) > 6 and body[:5].isalnum() and body[:5].isupper() and body[5] == ","
+
+
+def _sentences(file: BinaryIO, *, checked: bool, findings: Findings) -> Iterator[tuple[str, _Sentence]]:
+    """Yield the sentences that are used, each with its line.
+
+    Args:
+        file: At its beginning.
+        checked: Whether those of this log have checksums: one without is then damaged.
+    """
+    for number, line in numbered_lines(file):
+        where = f"line {number}"
+        if not _is_sentence(line):
+            findings.skip("lines that are no NMEA sentences", where=where, count=int(bool(line.strip())))
+            continue
+        for text in line.split("$")[1:]:
+            if text[2:5] not in _LEAST:
+                continue
+            try:
+                yield where, _parse(text.strip(), checked=checked)
+            except _Unreadable as error:
+                findings.skip(str(error), where=where)
+
+
+def _has_checksum(text: str) -> bool:
+    return bool(re.search(r"\*[0-9A-Fa-f]{2}", text))
+
+
+def _parse(text: str, *, checked: bool) -> _Sentence:
+    """Parse a sentence without its dollar sign; text after the checksum is ignored.
+
+    Raises:
+        Unreadable
+    """
+    found = _SENTENCE.fullmatch(text)
+    if found is None:
+        raise _Unreadable("sentences that cannot be read" if _has_checksum(text) else _CUT)
+    if found[3] is None and checked:
+        raise _Unreadable(_CUT)
+    if found[3] is not None and reduce(xor, text.partition("*")[0].encode(), 0) != int(found[3], 16):
+        raise _Unreadable("sentences with a wrong checksum")
+    talker, kind, fields = found[1][:2], found[1][2:5], [field.strip() for field in found[2].split(",")]
+    if len(fields) < _LEAST[kind]:
+        raise _Unreadable("sentences that cannot be read" if found[3] else _CUT)
+    try:
+        return _parsed(kind, talker, fields)
+    except _Unreadable:
+        raise
+    except ValueError as error:
+        raise _Unreadable("sentences that cannot be read") from error
+
+
+def _parsed(kind: str, talker: str, fields: list[str]) -> _Sentence:
+    if kind == "WPL":
+        lat, lon = _position(fields)
+        if math.isnan(lat):
+            raise _Unreadable("waypoints without a position")
+        return _Sentence(kind, talker, lat=lat, lon=lon, name=" ".join(fields[4].split()))
+    clock = _clock(_field(fields, _CLOCK_AT.get(kind, 0)))
+    if kind == "ZDA":
+        days = [int(field) if field else 0 for field in fields[1:4]]
+        return _Sentence(kind, talker, clock, date(days[2], days[1], days[0]) if days[2] else None)
+    if kind == "GST":
+        north, east = _number(fields[5]), _number(fields[6])
+        return _Sentence(kind, talker, clock, var_e=east**2, var_n=north**2)
+    lat, lon = _position(fields[_AT[kind] :])
+    bad = _bad(kind, fields)
+    if kind != "RMC":
+        height = _number(_field(fields, 8)) if kind in ("GGA", "GNS") else math.nan
+        return _Sentence(kind, talker, clock, lat=lat, lon=lon, height_m=height, bad=bad)
+    day = datetime.strptime(fields[8], "%d%m%y").date() if fields[8] else None
+    heading = _number(fields[7]) if _number(fields[6]) > 0.0 else math.nan
+    return _Sentence(kind, talker, clock, day, lat, lon, heading_deg=heading, bad=bad)
+
+
+def _bad(kind: str, fields: list[str]) -> str:
+    """Return why the position of a fix is not used; empty if it is."""
+    if kind == "GGA":
+        return _BY_QUALITY.get(int(fields[5]), "") if fields[5] else _INVALID
+    if kind == "GNS":
+        modes = set(fields[5].upper()) - {"N"}
+        return _INVALID if not modes else _BY_MODE.get(modes.pop(), "") if len(modes) == 1 else ""
+    status, mode = (1, 11) if kind == "RMC" else (5, 6)
+    if _field(fields, status).upper() == "V":
+        return _INVALID
+    return _BY_MODE.get(_field(fields, mode).upper(), "")
+
+
+def _field(fields: list[str], index: int) -> str:
+    return fields[index] if index < len(fields) else ""
+
+
+def _number(text: str) -> float:
+    return float(text) if text else math.nan
+
+
+def _clock(text: str) -> time | None:
+    if not text:
+        return None
+    found = _CLOCK.fullmatch(text)
+    if found is None:
+        raise ValueError(text)
+    return time(int(found[1]), int(found[2]), int(found[3]), int(f"{found[4] or ''}000000"[:6]))
+
+
+def _position(fields: list[str]) -> tuple[float, float]:
+    """Return latitude and longitude; NaN if the fields are empty."""
+    lat, north, lon, east = fields[:4]
+    if not lat or not lon:
+        return math.nan, math.nan
+    return _degrees(lat, north, sides="NS"), _degrees(lon, east, sides="EW")
+
+
+def _degrees(text: str, side: str, *, sides: str) -> float:
+    """Convert an angle in degrees and minutes, `5005.100`, to degrees."""
+    found = _ANGLE.fullmatch(text)
+    if found is None or float(found[2]) >= 60.0:
+        raise ValueError(text)
+    if side.upper() not in tuple(sides):
+        raise _Unreadable("positions without N or S, or without E or W")
+    size = int(found[1]) + float(found[2]) / 60.0
+    if size > _MOST_DEG[sides]:
+        raise ValueError(text)
+    return -size if side.upper() == sides[1] else size
 
 
 @dataclass(slots=True)
@@ -53,7 +233,7 @@ class _Fix:
     var_n: float = math.nan
     bad: str = ""  # Why it is left out
 
-    def take(self, sentence: Sentence) -> None:
+    def take(self, sentence: _Sentence) -> None:
         """Merge a sentence."""
         self.bad = self.bad or sentence.bad
         for name in ("lat", "lon", "height_m", "heading_deg", "var_e", "var_n"):
@@ -75,7 +255,7 @@ def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
     logs: dict[str, _Log] = {}
     where = "line 1"
     file.seek(0)
-    for where, sentence in sentences(file, checked=survey.checked, findings=findings):
+    for where, sentence in _sentences(file, checked=survey.checked, findings=findings):
         if sentence.kind == "WPL":
             findings.note(UNTIMED_OBJECTS)
             yield WorldObjects((_waypoint(sentence),))
@@ -101,12 +281,12 @@ class _Survey:
 
 
 def _survey(file: BinaryIO) -> _Survey:
-    checks = Counter(has_checksum(line) for _, line in numbered_lines(file) if is_sentence(line))
+    checks = Counter(_has_checksum(line) for _, line in numbered_lines(file) if _is_sentence(line))
     checked = checks[True] > checks[False]
     file.seek(0)
     moments: list[datetime] = []
     turns = _Turns()
-    for _, sentence in sentences(file, checked=checked, findings=Findings()):
+    for _, sentence in _sentences(file, checked=checked, findings=Findings()):
         if (moment := sentence.moment) is not None and (not moments or moments[0].year < _FIRST_YEAR):
             moments = [moment] if not moments or moment.year >= _FIRST_YEAR else moments
         turns.add(sentence)
@@ -117,11 +297,11 @@ def _survey(file: BinaryIO) -> _Survey:
 class _Turns:
     """Counts how often the talker of each kind of sentences changes."""
 
-    last: dict[str, Sentence] = field(default_factory=dict)
+    last: dict[str, _Sentence] = field(default_factory=dict)
     counts: dict[str, Counter[str]] = field(default_factory=dict)
     changes: Counter[str] = field(default_factory=Counter)
 
-    def add(self, sentence: Sentence) -> None:
+    def add(self, sentence: _Sentence) -> None:
         if sentence.place is None or sentence.kind == "WPL":
             return
         before = self.last.get(sentence.kind, sentence)
@@ -165,7 +345,7 @@ class _Log:
     fix: _Fix | None = None
     has_no_date: bool = False  # Whether the receiver does not know the date yet, unlike later
 
-    def add(self, sentence: Sentence, where: str, *, findings: Findings) -> None:
+    def add(self, sentence: _Sentence, where: str, *, findings: Findings) -> None:
         if sentence.clock is None:
             findings.skip("sentences without a time", where=where)
             return
@@ -203,7 +383,7 @@ class _Log:
             yield _piece(self.name, rows)
 
 
-def _waypoint(sentence: Sentence) -> Sighting:
+def _waypoint(sentence: _Sentence) -> Sighting:
     place = sentence.place
     assert place is not None, "waypoints have positions"
     return Sighting(f"waypoint {sentence.name}".strip(), "waypoint", 0.0, place)
@@ -222,7 +402,7 @@ FORMAT = TrackFormat(
     "NMEA 0183",
     "NMEA",
     endings=(".nmea", ".nma", ".log"),
-    is_one=lambda beginning: any(map(is_sentence, beginning.lines)),
+    is_one=lambda beginning: any(map(_is_sentence, beginning.lines)),
     read=opened(lambda file, _, findings: read(file, findings=findings)),
     numbered="waypoint",
     about=FormatAbout(

@@ -3,6 +3,9 @@
 Each topic with poses is a track; objects come from detections and markers. Transforms to the robot are read
 as a track only if no other topic has poses in the robot's frame, or if requested. Topics of other types are
 left out. Frames are identified by name (`header.frame_id`, `child_frame_id`); transforms are not chained.
+
+Definitions of messages come from the bag itself and can differ: the fields of `vision_msgs` have changed
+between versions, so they are looked up by name.
 """
 
 from __future__ import annotations
@@ -18,11 +21,11 @@ import numpy as np
 
 from webapp.errors import ExpMapError, TrackError
 from webapp.extras import extra
+from webapp.files.exchange.tum import yaw_of
 from webapp.missions.core.trajectory.planned import is_planned
 from webapp.missions.core.trajectory.records import make_poses
 from webapp.missions.core.trajectory.robotframe import LocalPoses
 from webapp.missions.files.readers.bag_limits import limited_reader1, limited_reader2
-from webapp.missions.files.readers.ros_messages import OBJECTS, PATH, PLANS, POSES, TRANSFORMS, WORLD, RosPose
 from webapp.missions.files.track_chunks import (
     CHUNK,
     Findings,
@@ -39,7 +42,201 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection
 
 
+_NAN = math.nan
+_UNKNOWN = (_NAN, _NAN, _NAN)
+_SHAPES = (
+    "arrow",
+    "cube",
+    "sphere",
+    "cylinder",
+    "line",
+    "lines",
+    "cubes",
+    "spheres",
+    "points",
+    "text",
+    "mesh",
+)
+_WORLDS = ("map", "odom")
+_BODIES = ("base_link", "base_footprint")
+_NO_FIX = -1
+_ADD = 0
+
 PLANNED = "messages with planned poses, which were not driven (name the topic to import them)"
+
+
+@dataclass(frozen=True, slots=True)
+class _RosPose:
+    """A pose."""
+
+    # Seconds since 1970; latitude, longitude and height, or x, y and z in the robot's frame; yaw, radians;
+    # variances of east and north, or of x and y, and their covariance, square metres.
+    values: tuple[float, ...]
+    frame: str = ""
+    body: str = ""
+    # The time is from the header of the pose, not that at which the message was recorded.
+    stamped: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class _DetectedObject:
+    """A detected object, and the name of the frame of its position."""
+
+    frame: str
+    sighting: LocalSighting
+
+
+def _fix(message: Any, at_s: float) -> list[_RosPose]:
+    if message.status.status <= _NO_FIX:
+        return []
+    known = message.position_covariance_type != 0
+    covariance = _covariance(message.position_covariance, side=3) if known else _UNKNOWN
+    place = (message.latitude, message.longitude, message.altitude)
+    return [_RosPose((_time(message, at_s), *map(float, place), _NAN, *covariance), message.header.frame_id)]
+
+
+def _odometry(message: Any, at_s: float) -> list[_RosPose]:
+    covariance = _covariance(message.pose.covariance, side=6)
+    values = (_time(message, at_s), *_place(message.pose.pose), *covariance)
+    return [_RosPose(values, message.header.frame_id, message.child_frame_id)]
+
+
+def _pose(message: Any, at_s: float) -> list[_RosPose]:
+    return [_RosPose((at_s, *_place(message), *_UNKNOWN), stamped=False)]
+
+
+def _pose_stamped(message: Any, at_s: float) -> list[_RosPose]:
+    time_s = _time(message, _NAN)
+    stamped = not math.isnan(time_s)
+    values = (time_s if stamped else at_s, *_place(message.pose), *_UNKNOWN)
+    return [_RosPose(values, message.header.frame_id, stamped=stamped)]
+
+
+def _pose_with_covariance(message: Any, at_s: float) -> list[_RosPose]:
+    covariance = _covariance(message.pose.covariance, side=6)
+    return [
+        _RosPose((_time(message, at_s), *_place(message.pose.pose), *covariance), message.header.frame_id)
+    ]
+
+
+def _path(message: Any, at_s: float) -> list[_RosPose]:
+    rows = [row for pose in message.poses for row in _pose_stamped(pose, at_s)]
+    frame = message.header.frame_id
+    return [_RosPose(row.values, row.frame or frame, stamped=row.stamped) for row in rows]
+
+
+def _transforms(message: Any, at_s: float) -> list[_RosPose]:
+    """Read the transforms from a world frame to the robot, found by the usual frame names (REP 105)."""
+    rows = []
+    for one in message.transforms:
+        frame, body = one.header.frame_id, one.child_frame_id
+        if frame.rpartition("/")[2] in _WORLDS and body.rpartition("/")[2] in _BODIES:
+            place = _point(one.transform.translation, one.transform.rotation)
+            rows.append(_RosPose((_time(one, at_s), *place, *_UNKNOWN), frame, body))
+    return rows
+
+
+def _detections(message: Any, at_s: float) -> Iterator[_DetectedObject]:
+    for detection in message.detections:
+        frame = detection.header.frame_id or message.header.frame_id
+        name = getattr(detection, "id", "") or getattr(detection, "tracking_id", "")
+        best = max(detection.results, key=_score, default=None)
+        kind = (
+            "object" if best is None else str(getattr(_hypothesis(best), "class_id", getattr(best, "id", "")))
+        )
+        time_s = _time(detection, _time(message, at_s))
+        xyz = _xyz(detection.bbox.center.position)
+        score = None if best is None else _score(best)
+        seen = LocalSighting(str(name) or None, kind or "object", time_s, xyz, score, size_m=_size(detection))
+        yield _DetectedObject(frame, seen)
+
+
+def _markers(message: Any, at_s: float) -> Iterator[_DetectedObject]:
+    for marker in message.markers:
+        if marker.action != _ADD:
+            continue
+        shape = _SHAPES[marker.type] if 0 <= marker.type < len(_SHAPES) else "marker"
+        name = f"{marker.ns}/{marker.id}" if marker.ns else str(marker.id)
+        kind = marker.ns or marker.text or shape
+        seen = LocalSighting(name, kind, _time(marker, at_s), _xyz(marker.pose.position))
+        yield _DetectedObject(marker.header.frame_id, seen)
+
+
+_POSES: dict[str, Callable[[Any, float], list[_RosPose]]] = {
+    "sensor_msgs/msg/NavSatFix": _fix,
+    "nav_msgs/msg/Odometry": _odometry,
+    "nav_msgs/msg/Path": _path,
+    "geometry_msgs/msg/Pose": _pose,
+    "geometry_msgs/msg/PoseStamped": _pose_stamped,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": _pose_with_covariance,
+    "tf2_msgs/msg/TFMessage": _transforms,
+}
+"""Parser of each message type: (message, time of recording in seconds) -> its poses."""
+
+_OBJECTS: dict[str, Callable[[Any, float], Iterator[_DetectedObject]]] = {
+    "vision_msgs/msg/Detection3DArray": _detections,
+    "visualization_msgs/msg/MarkerArray": _markers,
+}
+"""Parser of each message type: (message, time of recording in seconds) -> its objects."""
+
+_WORLD = "sensor_msgs/msg/NavSatFix"
+"""The type whose poses are on the Earth."""
+
+_TRANSFORMS = "tf2_msgs/msg/TFMessage"
+"""The type that usually duplicates odometry."""
+
+_PLANS = {
+    "nav_msgs/msg/Path",
+    "geometry_msgs/msg/Pose",
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+}
+"""The types that also planners send."""
+
+_PATH = "nav_msgs/msg/Path"
+"""The type whose messages repeat the poses of earlier ones."""
+
+
+def _time(message: Any, otherwise_s: float) -> float:
+    """Return the time in the header; a zero stamp means unknown."""
+    stamp = message.header.stamp
+    return stamp.sec + stamp.nanosec * 1e-9 if stamp.sec or stamp.nanosec else otherwise_s
+
+
+def _place(pose: Any) -> tuple[float, float, float, float]:
+    return _point(pose.position, pose.orientation)
+
+
+def _point(at: Any, turn: Any) -> tuple[float, float, float, float]:
+    yaw = float(yaw_of(np.array([[turn.x, turn.y, turn.z, turn.w]]))[0])
+    return float(at.x), float(at.y), float(at.z), yaw
+
+
+def _covariance(matrix: Any, *, side: int) -> tuple[float, float, float]:
+    """Return the part of the first two axes; non-positive or infinite variances mean unknown."""
+    var_x, var_y, cov = float(matrix[0]), float(matrix[side + 1]), float(matrix[1])
+    good = 0.0 < var_x < math.inf and 0.0 < var_y < math.inf and cov * cov <= var_x * var_y
+    return (var_x, var_y, cov) if good else _UNKNOWN
+
+
+def _size(detection: Any) -> tuple[float, float, float] | None:
+    """Return the size of the bounding box; zeros mean unknown."""
+    size = detection.bbox.size
+    sides = (float(size.x), float(size.y), float(size.z))
+    return sides if all(0.0 < side < math.inf for side in sides) else None
+
+
+def _xyz(at: Any) -> tuple[float, float, float]:
+    return float(at.x), float(at.y), float(at.z)
+
+
+def _hypothesis(result: Any) -> Any:
+    """Return the message with class and score, which is nested since ROS 2 Galactic."""
+    return getattr(result, "hypothesis", result)
+
+
+def _score(result: Any) -> float:
+    return float(_hypothesis(result).score)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +253,7 @@ def topics(path: Path, *, suffix: str) -> list[Topic]:
     """List the topics of a bag; parameters and errors as `read`."""
     with _opened(path, suffix) as bag:
         found = sorted({(c.topic, c.msgtype, c.msgcount) for c in bag.connections})
-    return [Topic(name, kind, count, kind in POSES or kind in OBJECTS) for name, kind, count in found]
+    return [Topic(name, kind, count, kind in _POSES or kind in _OBJECTS) for name, kind, count in found]
 
 
 def read(path: Path, *, suffix: str, wanted: Collection[str] = (), findings: Findings) -> Iterator[Piece]:
@@ -78,7 +275,7 @@ def read(path: Path, *, suffix: str, wanted: Collection[str] = (), findings: Fin
         logs: dict[str, _Log] = {}
         for topic, kind, at_ns, message in _messages(bag, chosen):
             at_s = at_ns * 1e-9
-            if kind in OBJECTS:
+            if kind in _OBJECTS:
                 for log in logs.values():  # first the poses from which the objects were seen
                     yield from log.pieces()
                 yield from _objects(message, kind, at_s, topic=topic, findings=findings)
@@ -100,22 +297,22 @@ class _Log:
     topic: str
     kind: str
     several: bool = False  # Whether the topic has several pairs of frames for sure
-    pairs: dict[Pair, list[RosPose]] = field(default_factory=dict)
+    pairs: dict[Pair, list[_RosPose]] = field(default_factory=dict)
     last_s: float = -math.inf
     count: int = 0
 
     def add(self, message: Any, at_s: float, *, findings: Findings) -> Iterator[Piece]:
         with _reading():
-            rows = POSES[self.kind](message, at_s)
-        if self.kind == PATH:
+            rows = _POSES[self.kind](message, at_s)
+        if self.kind == _PATH:
             rows = self.fresh(rows)
-        elif not rows and self.kind == WORLD:
+        elif not rows and self.kind == _WORLD:
             findings.skip("fixes marked invalid by the receiver", where=self.topic)
         for row in rows:
             if not all(map(math.isfinite, row.values[:4])):
                 findings.skip("poses with a time or a position that is not a number", where=self.topic)
                 continue
-            pair = ("", "") if self.kind == WORLD else (row.frame.strip("/"), row.body.strip("/"))
+            pair = ("", "") if self.kind == _WORLD else (row.frame.strip("/"), row.body.strip("/"))
             buffer = self.pairs.setdefault(pair, [])
             if len(self.pairs) == 2:
                 findings.note(f"{self.topic} has poses in several frames: each is a track of its own")
@@ -123,7 +320,7 @@ class _Log:
             if len(buffer) == CHUNK:
                 yield self.piece(pair)
 
-    def fresh(self, rows: list[RosPose]) -> list[RosPose]:
+    def fresh(self, rows: list[_RosPose]) -> list[_RosPose]:
         """Leave out poses that earlier paths had: found by their times, or without times by their number."""
         stamped = bool(rows) and all(row.stamped for row in rows)
         new = [row for row in rows if row.values[0] > self.last_s] if stamped else rows[self.count :]
@@ -142,7 +339,7 @@ class _Log:
         frame, body = rows[0].frame, rows[0].body
         self.pairs[pair] = []
         times, place, yaw, covariance = table[:, 0], table[:, 1:4], table[:, 4], table[:, 5:8]
-        if self.kind == WORLD:
+        if self.kind == _WORLD:
             poses = make_poses(times, place[:, :2], height_m=place[:, 2], covariance_m2=covariance)
             return WorldPiece(self.topic, "gps", poses)
         is_first = not self.several and pair == next(iter(self.pairs))
@@ -152,18 +349,18 @@ class _Log:
 
 def _several(bag: AnyReader, chosen: list[Connection]) -> set[str]:
     """Find the topics whose transforms have several pairs of frames, such as those of several robots."""
-    transforms = [connection for connection in chosen if connection.msgtype == TRANSFORMS]
+    transforms = [connection for connection in chosen if connection.msgtype == _TRANSFORMS]
     pairs: dict[str, set[Pair]] = {}
     for topic, kind, _, message in _messages(bag, transforms) if transforms else ():
         with _reading():
-            rows = POSES[kind](message, 0.0)
+            rows = _POSES[kind](message, 0.0)
         pairs.setdefault(topic, set()).update((row.frame.strip("/"), row.body.strip("/")) for row in rows)
     return {topic for topic, found in pairs.items() if len(found) > 1}
 
 
 def _objects(message: Any, kind: str, at_s: float, *, topic: str, findings: Findings) -> Iterator[Piece]:
     with _reading():
-        seen = list(OBJECTS[kind](message, at_s))
+        seen = list(_OBJECTS[kind](message, at_s))
     by_frame: dict[str, list[LocalSighting]] = {}
     for one in seen:
         if not all(map(math.isfinite, (one.sighting.time_s, *one.sighting.xyz_m))):
@@ -184,17 +381,17 @@ def _chosen(
             f"the bag has no topic {unknown[0]!r}", hint=f"it has {', '.join(sorted(there))[:300]}"
         )
     driven = [c for c in connections if not _is_plan(c)]
-    moving = any(c.msgtype in POSES and c.msgtype not in {WORLD, TRANSFORMS} for c in driven)
+    moving = any(c.msgtype in _POSES and c.msgtype not in {_WORLD, _TRANSFORMS} for c in driven)
     chosen = []
     for c in connections:
         if _is_plan(c) and not wanted:
             findings.skip(PLANNED, where=c.topic, count=c.msgcount)
             continue
-        if c.msgtype == TRANSFORMS and moving and not wanted:
+        if c.msgtype == _TRANSFORMS and moving and not wanted:
             reason = "transforms: other topics have the robot's poses"
             findings.skip(reason, where=c.topic, count=c.msgcount)
             continue
-        readable = c.msgtype in POSES or c.msgtype in OBJECTS
+        readable = c.msgtype in _POSES or c.msgtype in _OBJECTS
         if readable and (not wanted or c.topic in wanted):
             chosen.append(c)
         elif c.topic in wanted:
@@ -204,7 +401,7 @@ def _chosen(
             findings.skip(f"messages of a topic {reason}", where=c.topic, count=c.msgcount)
     if not chosen:
         planned = [c.topic for c in connections if _is_plan(c)]
-        supported = f"supported: {', '.join([*POSES, *OBJECTS])}"
+        supported = f"supported: {', '.join([*_POSES, *_OBJECTS])}"
         hint = f"planned poses have to be asked for by topic: {planned[0]}" if planned else supported
         raise TrackError("the bag has no topic with poses or objects", hint=hint)
     return chosen
@@ -212,7 +409,7 @@ def _chosen(
 
 def _is_plan(connection: Connection) -> bool:
     """Return whether poses of a topic were only planned: by its name, of types that plans have."""
-    return connection.msgtype in PLANS and is_planned(connection.topic)
+    return connection.msgtype in _PLANS and is_planned(connection.topic)
 
 
 def _messages(bag: AnyReader, chosen: list[Connection]) -> Iterator[tuple[str, str, int, Any]]:
@@ -237,7 +434,7 @@ def _opened(path: Path, suffix: str) -> Iterator[AnyReader]:
         # message definitions are in the bag, except in ROS 2 bags in SQLite from before 2023
         named = _called(path, suffix)
         bag = AnyReader([named], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
-        used = {*POSES, *OBJECTS}
+        used = {*_POSES, *_OBJECTS}
         bag.readers = [limited_reader2(named, used=used)] if bag.is2 else [limited_reader1(named, used=used)]
         bag.open()
     try:

@@ -15,8 +15,8 @@ from typing import BinaryIO
 from webapp.errors import TrackError
 from webapp.files.exchange.times import unix_time
 from webapp.files.text_file import numbered_lines
-from webapp.missions.files.readers.gps_time import utc_from_gps, utc_from_week
 from webapp.missions.files.readers.line_buffer import LineBuffer, LinePoint
+from webapp.missions.files.readers.time_units import utc_from_gps, utc_from_week
 from webapp.missions.files.track_chunks import Findings, Piece
 from webapp.missions.files.track_format import FormatAbout, TrackFormat, opened
 

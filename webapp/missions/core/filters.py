@@ -1,4 +1,7 @@
-"""Recursive-descent parser of conditions, lists of columns, and sort orders.
+"""Filter conditions on the rows of a table, as people write them: `class = 'car' AND confidence > 0.5`.
+
+A recursive-descent parser of conditions, lists of columns and sort orders: the text becomes a syntax tree,
+and is never inserted into another language such as SQL. Each error has the position of its character.
 
 ::
 
@@ -14,27 +17,13 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import cast
+from typing import Literal, cast
 
 from webapp.errors import UsageError
-from webapp.missions.core.filters.nodes import (
-    AllOf,
-    Among,
-    AnyOf,
-    Between,
-    Comparison,
-    Condition,
-    Kind,
-    Like,
-    Not,
-    Operator,
-    SortOrder,
-    Unknown,
-    Value,
-)
-from webapp.missions.core.filters.tokens import Token, mistake, tokens
 
 MAX_DEPTH = 30
 """Depth of nested brackets and NOTs."""
@@ -45,6 +34,29 @@ MAX_VALUES = 200
 _SAME = {"==": "=", "<>": "!="}
 _COMPARE = ("=", "==", "!=", "<>", "<", "<=", ">", ">=")
 _WORDS = frozenset({"AND", "OR", "NOT", "IN", "BETWEEN", "LIKE", "IS", "NULL", "ASC", "DESC"})
+
+MAX_CHARACTERS = 2000
+
+_TokenKind = Literal["name", "number", "text", "sign", "end"]
+
+_TOKEN = re.compile(
+    r"""
+    (?P<space>\s+)
+    | (?P<name>[A-Za-z_][A-Za-z_0-9]*)
+    | (?P<number>[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)
+    | '(?P<text>(?:[^']|'')*)'
+    | (?P<sign><=|>=|<>|!=|==|[=<>(),*])
+    """,
+    re.VERBOSE | re.ASCII,
+)
+_UNFIT = re.compile("[\x00\ud800-\udfff]")
+"""Characters that databases cannot store as text."""
+
+Kind = Literal["number", "text", "time"]
+"""Type of a column; a time is written as ISO 8601 or in seconds since 1970, and is compared as seconds."""
+
+_Operator = Literal["=", "!=", "<", "<=", ">", ">="]
+_Value = float | str
 
 
 def parse_condition(text: str, columns: Mapping[str, Kind], *, field: str = "where") -> Condition | None:
@@ -95,17 +107,17 @@ class _Reader:
     """A parser over the tokens of a text."""
 
     def __init__(self, text: str, columns: Mapping[str, Kind], field: str) -> None:
-        self._tokens = tokens(text, field)
+        self._tokens = _tokens(text, field)
         self._columns = columns
         self._field = field
         self._place = 0
         self._depth = 0
 
     @property
-    def now(self) -> Token:
+    def now(self) -> _Token:
         return self._tokens[self._place]
 
-    def next(self) -> Token:
+    def next(self) -> _Token:
         token = self.now
         self._place += token.kind != "end"
         return token
@@ -139,7 +151,7 @@ class _Reader:
         self.next()
         self._depth += 1
         if self._depth > MAX_DEPTH:
-            raise mistake(f"more than {MAX_DEPTH} nested brackets", field=self._field, at=opened.at)
+            raise _mistake(f"more than {MAX_DEPTH} nested brackets", field=self._field, at=opened.at)
         inner = Not(self._part()) if opened.kind == "name" else self.condition()
         if opened.kind == "sign" and not self.took_sign(")"):
             raise self._wrong('AND, OR or ")"')
@@ -152,7 +164,7 @@ class _Reader:
             raise self._wrong("a column")
         name = token.text.lower()
         if name not in self._columns:
-            raise mistake(
+            raise _mistake(
                 f"there is no column {token.quoted()}",
                 field=self._field,
                 at=token.at,
@@ -172,7 +184,7 @@ class _Reader:
         column = self.column()
         if self.now.is_sign(*_COMPARE):
             sign = self.next().text
-            return Comparison(column, cast(Operator, _SAME.get(sign, sign)), self._value(column))
+            return Comparison(column, cast(_Operator, _SAME.get(sign, sign)), self._value(column))
         if self.took_word("IS"):
             opposite = self.took_word("NOT")
             if not self.took_word("NULL"):
@@ -192,7 +204,7 @@ class _Reader:
             return Among(column, self._values(column))
         if self.now.is_word("LIKE"):
             if self._columns[column] != "text":
-                raise mistake(
+                raise _mistake(
                     "LIKE needs a text column",
                     field=self._field,
                     at=self.now.at,
@@ -202,24 +214,24 @@ class _Reader:
             return Like(column, str(self._value(column)))
         raise self._wrong("a comparison")
 
-    def _values(self, column: str) -> tuple[Value, ...]:
+    def _values(self, column: str) -> tuple[_Value, ...]:
         if not self.took_sign("("):
             raise self._wrong('"("')
         values = [self._value(column)]
         while self.took_sign(","):
             if len(values) == MAX_VALUES:
-                raise mistake(f"more than {MAX_VALUES} values", field=self._field, at=self.now.at)
+                raise _mistake(f"more than {MAX_VALUES} values", field=self._field, at=self.now.at)
             values.append(self._value(column))
         if not self.took_sign(")"):
             raise self._wrong('a comma or ")"')
         return tuple(values)
 
-    def _value(self, column: str) -> Value:
+    def _value(self, column: str) -> _Value:
         token, kind = self.now, self._columns[column]
         if token.kind == "number" and kind != "text":
             value = float(token.text)
             if not math.isfinite(value):
-                raise mistake(f"{token.quoted()} is too large", field=self._field, at=token.at)
+                raise _mistake(f"{token.quoted()} is too large", field=self._field, at=token.at)
             self.next()
             return value
         if token.kind == "text" and kind != "number":
@@ -232,11 +244,11 @@ class _Reader:
         }
         raise self._wrong(expected[kind])
 
-    def _seconds(self, token: Token) -> float:
+    def _seconds(self, token: _Token) -> float:
         try:
             time = datetime.fromisoformat(token.text)
         except ValueError as error:
-            raise mistake(
+            raise _mistake(
                 f"{token.quoted()} is not a time",
                 field=self._field,
                 at=token.at,
@@ -245,4 +257,144 @@ class _Reader:
         return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
 
     def _wrong(self, expected: str) -> UsageError:
-        return mistake(f"expected {expected}, not {self.now.quoted()}", field=self._field, at=self.now.at)
+        return _mistake(f"expected {expected}, not {self.now.quoted()}", field=self._field, at=self.now.at)
+
+
+@dataclass(frozen=True, slots=True)
+class _Token:
+    """A token."""
+
+    kind: _TokenKind
+    text: str  # As written; for quoted text, without the quotes
+    at: int  # Position of its first character, from 1
+
+    def is_word(self, *words: str) -> bool:
+        """Return whether it is one of these keywords, given in upper case."""
+        return self.kind == "name" and self.text.upper() in words
+
+    def is_sign(self, *signs: str) -> bool:
+        """Return whether it is one of these operators or punctuation marks."""
+        return self.kind == "sign" and self.text in signs
+
+    def quoted(self) -> str:
+        """Quote it for a message."""
+        if self.kind == "end":
+            return "the end"
+        return f"'{self.text[:40]}'" if self.kind == "text" else f'"{self.text[:40]}"'
+
+
+def _tokens(text: str, field: str) -> list[_Token]:
+    """Split a text into tokens.
+
+    Args:
+        text: At most `MAX_CHARACTERS` long.
+        field: Name of the text in messages: `where`.
+
+    Returns:
+        The last one has the kind "end".
+
+    Raises:
+        UsageError: The text is too long or has an invalid character; `where` names its position.
+    """
+    if len(text) > MAX_CHARACTERS:
+        raise _mistake(f"more than {MAX_CHARACTERS} characters", field=field, at=MAX_CHARACTERS + 1)
+    unfit = _UNFIT.search(text)
+    if unfit:
+        raise _mistake("an invalid character", field=field, at=unfit.start() + 1)
+    found: list[_Token] = []
+    at = 0
+    while at < len(text):
+        match = _TOKEN.match(text, at)
+        if match is None:
+            raise _strange(text, at, field=field)
+        kind = cast("_TokenKind | Literal['space']", match.lastgroup)
+        if kind != "space":
+            word = match[kind]
+            found.append(_Token(kind, word.replace("''", "'") if kind == "text" else word, at + 1))
+        at = match.end()
+    return [*found, _Token("end", "", len(text) + 1)]
+
+
+def _mistake(message: str, *, field: str, at: int, hint: str | None = None) -> UsageError:
+    """Return an error at the character `at`, counted from 1."""
+    return UsageError(message, where=f"{field}, character {at}", hint=hint)
+
+
+def _strange(text: str, at: int, *, field: str) -> UsageError:
+    if text[at] == "'":
+        return _mistake("unterminated text", field=field, at=at + 1, hint="close it with another '")
+    hint = "put text in single quotes: 'car'" if text[at] in '"`‘’“”' else None
+    return _mistake(f'unexpected character "{text[at]}"', field=field, at=at + 1, hint=hint)
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """`column < value`."""
+
+    column: str
+    operator: _Operator
+    value: _Value
+
+
+@dataclass(frozen=True, slots=True)
+class Between:
+    """`column BETWEEN low AND high`, both included."""
+
+    column: str
+    low: _Value
+    high: _Value
+
+
+@dataclass(frozen=True, slots=True)
+class Among:
+    """`column IN (value, ...)`."""
+
+    column: str
+    values: tuple[_Value, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Like:
+    """`column LIKE pattern`: `%` matches any text, `_` any character; case-insensitive."""
+
+    column: str
+    pattern: str
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """`column IS NULL`."""
+
+    column: str
+
+
+@dataclass(frozen=True, slots=True)
+class Not:
+    """Negation of a condition."""
+
+    of: Condition
+
+
+@dataclass(frozen=True, slots=True)
+class AllOf:
+    """`a AND b AND ...`."""
+
+    of: tuple[Condition, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class AnyOf:
+    """`a OR b OR ...`."""
+
+    of: tuple[Condition, ...]
+
+
+Condition = Comparison | Between | Among | Like | Unknown | Not | AllOf | AnyOf
+
+
+@dataclass(frozen=True, slots=True)
+class SortOrder:
+    """One column to sort by."""
+
+    column: str
+    descending: bool
