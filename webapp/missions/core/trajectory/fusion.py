@@ -145,10 +145,10 @@ def _fit(
         return NoiseFit()
     steps, fixes = _filter_inputs(odometry, sample, frame=frame, most=4 * SAMPLE)
     coarse, _ = _filter_inputs(odometry, sample, frame=frame, most=SAMPLE)
-    worse = NoiseFit(odometry=WORSE).noise(usual)
     nodes = np.searchsorted(coarse.times_s, sample.poses.times_s)
 
-    def judged(assumed: Fixes) -> OutlierLabels | None:
+    def judged(assumed: Fixes, found: NoiseFit) -> OutlierLabels | None:
+        worse = replace(found, odometry=WORSE).noise(usual)
         return find_outliers(coarse, replace(assumed, node=nodes), noise=worse, check=check)
 
     return fit(steps, fixes, source=sample.source, usual=usual, judged=judged)
