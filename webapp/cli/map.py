@@ -1,4 +1,4 @@
-"""`expmap map`: check and calibrate a map, make one, show how files are understood, write positions into EXIF."""
+"""`expmap map`: check, calibrate and make maps, show how files are understood, write positions into EXIF."""
 
 from __future__ import annotations
 

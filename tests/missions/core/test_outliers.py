@@ -55,7 +55,11 @@ def test_who_was_carried_begins_a_new_piece():
     assert judged.begins_s == (0.0, 200.0)
 
 
-def test_without_odometry_nothing_is_judged():
-    drive = Drive(7, nodes=200)
+def test_without_odometry_the_speed_is_the_limit():
+    drive = Drive(7, nodes=800, every=20, noise=GOOD)
+    wrong = [5, 6, 20]
+    drive.measured[wrong] += (400.0, -300.0)
     steps = replace(drive.steps, moves=np.full_like(drive.moves, np.nan))
-    assert find_outliers(steps, drive.fixes, noise=Noise()) is None
+    judged = find_outliers(steps, drive.fixes, noise=Noise())
+    assert np.flatnonzero(judged.weight == 0.0).tolist() == wrong
+    assert judged.begins_s == (0.0,)

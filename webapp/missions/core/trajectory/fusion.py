@@ -37,6 +37,9 @@ _STATED: Mapping[Source, tuple[float, ...]] = {"gps": (1.0, 2.0, 4.0), "visual":
 
 Positions set by hand are believed."""
 
+_MOTION = (1 / 8, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+"""Factors on the usual velocity, for a track without odometry."""
+
 _FIRST = (1.0, 2.0)
 """Factors on the odometry under which several sources are compared, before its own factor is refined."""
 
@@ -75,6 +78,7 @@ class _NoiseFit:
 
     odometry: float = 1.0
     stated: Mapping[Source, float] = field(default_factory=dict)  # By source; 1 where it is missing
+    motion: float = 1.0  # On the velocity, of a track without odometry
 
     def noise(self, usual: Noise) -> Noise:
         """Return the scaled noise of the odometry."""
@@ -88,6 +92,7 @@ class _NoiseFit:
             scale=usual.scale * by,
             turn_scale=usual.turn_scale * by,
             curve=usual.curve * by,
+            velocity=usual.velocity * self.motion,
         )
 
     def fixes(self, stated: Fixes, *, source: NDArray[np.str_]) -> Fixes:
@@ -108,35 +113,39 @@ def _fit_noise(
     *,
     source: NDArray[np.str_],
     usual: Noise,
-    judged: Callable[[Fixes], OutlierLabels | None] = lambda _: None,
+    judged: Callable[[Fixes, _NoiseFit], OutlierLabels | None] = lambda *_: None,
 ) -> _NoiseFit:
     """Estimate the noise of the odometry and of each source of fixes.
 
     Args:
         steps, fixes: A sample of the track is enough: it is filtered once for each assumption.
         source: (m,) str. Where each fix came from.
-        judged: Finds outliers under an assumed covariance, as they are no evidence of a noisy source. The
-            judgement is used if it makes the fixes likelier.
+        judged: Finds outliers under assumed covariances and motion, as they are no evidence of a noisy
+            source. The judgement is used if it makes the fixes likelier.
     """
     present = [name for name in _STATED if (source == name).any()]
     stated = [dict(zip(present, by, strict=True)) for by in product(*(_STATED[name] for name in present))]
     scaled = [_NoiseFit(stated=one).fixes(fixes, source=source) for one in stated]
-    judgements = [judged(one) for one in scaled]
+    reckoned = bool(np.isfinite(steps.moves).any())
+    judgements: dict[tuple[float, int], OutlierLabels | None] = {}
 
-    def likelihood(odometry: float, which: int) -> float:
-        noise = _NoiseFit(odometry).noise(usual)
+    def likelihood(by: float, which: int) -> float:
+        assumed = _NoiseFit(by) if reckoned else _NoiseFit(motion=by)
+        at = (1.0 if reckoned else by, which)
+        if at not in judgements:
+            judgements[at] = judged(scaled[which], _NoiseFit(motion=at[0]))
         return max(
-            log_likelihood(steps, scaled[which], noise=noise, judged=judgement)
-            for judgement in (None, judgements[which])
+            log_likelihood(steps, scaled[which], noise=assumed.noise(usual), judged=judgement)
+            for judgement in (None, judgements[at])
         )
 
-    every = _ODOMETRY if np.isfinite(steps.moves).any() else (1.0,)
-    first = every if len(present) < 2 else [one for one in every if one in _FIRST]
+    every = _ODOMETRY if reckoned else _MOTION
+    first = every if len(present) < 2 or not reckoned else [one for one in every if one in _FIRST]
     found = {pair: likelihood(*pair) for pair in product(first, range(len(stated)))}
     best = max(found, key=lambda pair: found[pair])[1]
     found |= {(by, best): likelihood(by, best) for by in every if (by, best) not in found}
-    odometry, which = max(found, key=lambda pair: found[pair])
-    return _NoiseFit(odometry, stated[which])
+    by, which = max(found, key=lambda pair: found[pair])
+    return _NoiseFit(by, stated[which]) if reckoned else _NoiseFit(1.0, stated[which], by)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -234,10 +243,10 @@ def _fit(
         return _NoiseFit()
     steps, fixes = _filter_inputs(odometry, sample, frame=frame, most=4 * SAMPLE)
     coarse, _ = _filter_inputs(odometry, sample, frame=frame, most=SAMPLE)
-    worse = _NoiseFit(odometry=WORSE).noise(usual)
     nodes = np.searchsorted(coarse.times_s, sample.poses.times_s)
 
-    def judged(assumed: Fixes) -> OutlierLabels | None:
+    def judged(assumed: Fixes, found: _NoiseFit) -> OutlierLabels | None:
+        worse = replace(found, odometry=WORSE).noise(usual)
         return find_outliers(coarse, replace(assumed, node=nodes), noise=worse, check=check)
 
     return _fit_noise(steps, fixes, source=sample.source, usual=usual, judged=judged)

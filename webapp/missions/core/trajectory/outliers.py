@@ -48,6 +48,9 @@ DISTANCE_TOLERANCE = 0.05
 LEADING = (0, 3, 6)
 """Numbers of first fixes that a receiver which has just started may have wrong together."""
 
+FASTEST = 3.0
+"""Limit of the speed without odometry, in standard deviations of the velocity along an axis."""
+
 READMISSIONS = 3
 """Largest number of rounds in which rejected fixes are tested again against the track without them."""
 
@@ -59,7 +62,7 @@ def find_outliers(
     noise: Noise,
     leading: Sequence[int] = (0,),
     check: Callable[[int], None] = lambda _: None,
-) -> OutlierLabels | None:
+) -> OutlierLabels:
     """Judge all fixes jointly; a run of wrong fixes that agree with each other begins a new piece.
 
     Args:
@@ -68,11 +71,10 @@ def find_outliers(
             which all fixes are most likely is kept.
         check: Called now and then; raises if the work was cancelled.
 
-    Returns:
-        None without odometry: the motion between fixes is then unknown, and each could be right.
+    Without odometry, the motion between fixes is limited by the robot's speed only.
     """
     if not np.isfinite(steps.moves).any():
-        return None
+        return OutlierLabels(_by_motion(steps, fixes, noise=noise, check=check), (float(steps.times_s[0]),))
     assumed = [few for few in leading if few < len(fixes) // 2] or [0]
     found = [_labels(steps, fixes, noise=noise, leading=few, check=check) for few in assumed]
     if len(found) == 1:
@@ -171,6 +173,55 @@ def _consistent(steps: Steps, fixes: Fixes, *, mine: NDArray[np.bool_], noise: N
             agrees = np.abs(measured - driven) < 3.0 * spread + DISTANCE_TOLERANCE * between
             judged[i] = 2 * agrees.sum() >= near.size
         found = judged
+    return found
+
+
+def _by_motion(steps: Steps, fixes: Fixes, *, noise: Noise, check: Callable[[int], None]) -> Floats:
+    """Return 1 for each fix (m,) that the robot could reach from others that it could reach, else 0.
+
+    The fixes of the longest chain that respects the limit of speed are smoothed. Then those farther from the
+    track that the others make than all but one in a thousand good fixes are left out, one of each
+    neighbourhood at a time, and those that fit are taken back.
+    """
+    weight = _reachable(steps, fixes, most_mps=FASTEST * noise.velocity).astype(np.float64)
+    filter = Filter(steps, fixes, noise=noise, weight=weight)
+    for _ in range(MOST_STEPS):
+        filter.forward(0, filter.begun(0), check=check, end=len(steps))
+        filter.back(0, len(steps))
+        off = fixes.position - filter.state[fixes.node, POSITION]
+        # the track was drawn towards the fixes that it uses: the covariance of a residual is the difference
+        sign = np.where(weight > 0.5, -fixes.share, 1.0)[:, None, None]
+        around = fixes.covariance + sign * filter.covariance[fixes.node, POSITION, POSITION]
+        distance = np.einsum("mi,mi->m", off, np.linalg.solve(around, off[:, :, None])[:, :, 0])
+        used = np.where(weight > 0.5, distance, 0.0)
+        padded = np.pad(used, NEIGHBOURS)
+        greatest = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1).max(axis=1)
+        worst = (used > GATE_2D) & (used == greatest)
+        fitting = (weight < 0.5) & (distance < GATE_2D)
+        if not worst.any():
+            break
+        weight[worst] = 0.0
+        if fitting.any() and not (worst & fitting).any():
+            weight[fitting & (greatest <= GATE_2D)] = 1.0
+    return weight
+
+
+def _reachable(steps: Steps, fixes: Fixes, *, most_mps: float) -> NDArray[np.bool_]:
+    """Return which fixes (m,) are in the longest chain whose steps respect a limit of speed."""
+    times, position = steps.times_s[fixes.node], fixes.position
+    spread = np.sqrt(np.trace(fixes.covariance, axis1=1, axis2=2) / 2)
+    length, before = np.ones(len(fixes), dtype=np.intp), np.full(len(fixes), -1)
+    for i in range(1, len(fixes)):
+        way = np.hypot(*(position[:i] - position[i]).T)
+        near = way <= most_mps * (times[i] - times[:i]) + 3.0 * np.hypot(spread[:i], spread[i])
+        best = int(np.argmax(np.where(near, length[:i], 0)))
+        if near[best]:
+            length[i], before[i] = length[best] + 1, best
+    found = np.zeros(len(fixes), dtype=bool)
+    at = int(np.argmax(length))
+    while at >= 0:
+        found[at] = True
+        at = int(before[at])
     return found
 
 

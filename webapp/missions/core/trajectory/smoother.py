@@ -133,11 +133,16 @@ def log_likelihood(steps: Steps, fixes: Fixes, *, noise: Noise, judged: OutlierL
         pieces += 1
     density = np.exp(-(filter.distance + filter.log_determinant) / 2) / (2 * math.pi)
     share: float | Floats = OUTLIERS
+    radius = OUTLIER_RADIUS_M
+    reckoned = bool(np.isfinite(steps.moves).any())
+    if not reckoned:  # a prediction is hardly better than any place on the way
+        radius = max(radius, float(np.hypot(*np.ptp(fixes.position, axis=0))) / 2)
     if judged is not None:
         wrong = judged.weight == 0.0
         density = np.where(wrong, 0.0, density)
-        share = np.where(np.append(False, wrong[:-1]), AFTER_WRONG, max(OUTLIERS, float(wrong.mean())))
-    anywhere = share / (math.pi * OUTLIER_RADIUS_M**2)
+        usual = max(OUTLIERS, float(wrong.mean()))
+        share = np.where(np.append(False, wrong[:-1]) & reckoned, AFTER_WRONG, usual)
+    anywhere = share / (math.pi * radius**2)
     return float(np.log((1 - share) * density + anywhere).sum() + pieces * math.log(OUTLIERS))
 
 
