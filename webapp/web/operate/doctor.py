@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from flask import Blueprint, render_template
+from apiflask import APIBlueprint
+from flask import render_template
 from flask_babel import gettext as _
 from flask_babel import lazy_gettext as _l
 
@@ -11,7 +12,7 @@ from webapp.tasks.operate import doctor
 from webapp.web.context import account, settings
 from webapp.web.pages import page
 
-pages = Blueprint("doctor_pages", __name__, url_prefix="/server/check")
+pages = APIBlueprint("doctor_pages", __name__, url_prefix="/server/check", enable_openapi=False)
 
 LABELS = {
     "python": _l("Python"),
