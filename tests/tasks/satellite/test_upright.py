@@ -204,3 +204,13 @@ def test_a_folder_with_a_turned_image_is_not_adopted_as_it_is(make_map, tmp_path
         adopt_map.adopt_map(library, "park", account_id=account.id)
     assert "import a zip" in caught.value.hint
     library.database.close()
+
+
+def test_a_plan_of_few_of_its_16_bits_is_stretched(tmp_path):
+    """A PNG of 12 bits, as scanners and CAD programs write it, is nearly black in a browser."""
+    ramp = np.tile(np.arange(WIDE) * 4095 // WIDE, (HIGH, 1)).astype(np.uint16)
+    Image.fromarray(ramp).save(tmp_path / "plan", "PNG")
+    Image.fromarray(ramp * 16).save(tmp_path / "full", "PNG")
+    shown = np.asarray(Image.open(as_shown(tmp_path / "plan", scratch=tmp_path, settings=Settings())))
+    assert shown.dtype == np.uint8 and shown.min() < 5 and shown.max() > 250
+    assert as_shown(tmp_path / "full", scratch=tmp_path, settings=Settings()) == tmp_path / "full"

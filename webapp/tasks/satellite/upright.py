@@ -17,7 +17,7 @@ from webapp.core.mapmodel.model import Map
 from webapp.errors import MapError, PhotoError
 from webapp.extras import extra
 from webapp.files.atomic import write_bytes
-from webapp.files.decode import decode, open_image
+from webapp.files.decode import contrast_note, decode, open_image
 from webapp.files.maps.cfg import format_cfg, read_bytes, read_cfg
 from webapp.files.maps.folder import MapFolder, json_path, read_map_json
 from webapp.files.photos.exif import orientation, read_exif
@@ -59,7 +59,8 @@ def as_shown(path: Path, *, scratch: Path, settings: Settings, turned: bool = Tr
     shown = copy if converted else path
     # images of drones and scanners may be rotated by EXIF, which not all viewers apply
     turn = _UPRIGHT if placed else _orientation(path)
-    if turn == _UPRIGHT or (converted and not turned):
+    dark = not converted and _is_dark(path, settings)
+    if (turn == _UPRIGHT and not dark) or (converted and not turned):
         return shown
     limits = replace(_ANY_SIZE, max_megapixels=settings.photo.max_megapixels)
     if pixels > limits.max_megapixels * 1e6:
@@ -70,6 +71,15 @@ def as_shown(path: Path, *, scratch: Path, settings: Settings, turned: bool = Tr
         kind, stored = image.format or "", decode(image, "RGB")
     _save(turn_upright(stored, turn if turned else _UPRIGHT), copy, lossy=kind in _LOSSY)
     return copy
+
+
+def _is_dark(path: Path, settings: Settings) -> bool:
+    """Return whether a PNG uses a small part of its 16 bits, and has to be stretched to be seen."""
+    limits = replace(_ANY_SIZE, max_megapixels=settings.photo.max_megapixels)
+    try:
+        return image_kind(path) == "PNG" and contrast_note(path, limits=limits) is not None
+    except PhotoError:
+        return False
 
 
 def _is_photo(path: Path) -> bool:
@@ -165,7 +175,7 @@ def upright_copy(
         shape = _shape(path, settings)
     except PhotoError:
         return None
-    if shape.turn == _UPRIGHT and image_kind(path) is not None:
+    if shape.turn == _UPRIGHT and image_kind(path) is not None and not _is_dark(path, settings):
         return None
     return as_shown(path, scratch=scratch, settings=settings, turned=not shape.fits_as_stored(described))
 
