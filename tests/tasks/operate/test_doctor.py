@@ -118,7 +118,7 @@ def test_a_full_disk(settings):
 
 @pytest.mark.skipif(os.name != "posix", reason="modes of files")
 def test_a_key_that_others_can_read(settings, library):
-    key = library.inner / "secret_key"
+    key = library.inner / "secret-key"
     key.write_text("x")
     library.inner.chmod(0o755)
     key.chmod(0o644)

@@ -257,7 +257,9 @@ def _open_to_others(inner: Path) -> Found:
     exposed = [
         path
         for path in inner.glob("*")
-        if path.is_file() and "key" in path.name and path.stat().st_mode & (stat.S_IRGRP | stat.S_IROTH)
+        if path.is_file()
+        and path.name.endswith("-key")
+        and path.stat().st_mode & (stat.S_IRGRP | stat.S_IROTH)
     ]
     if exposed and mode & (stat.S_IXGRP | stat.S_IXOTH):
         yield Check(
