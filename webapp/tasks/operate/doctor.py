@@ -256,7 +256,7 @@ def _open_to_others(inner: Path) -> Found:
     mode = stat.S_IMODE(inner.stat().st_mode)
     exposed = [
         path
-        for path in inner.glob("*")
+        for path in inner.iterdir()
         if path.is_file()
         and path.name.endswith("-key")
         and path.stat().st_mode & (stat.S_IRGRP | stat.S_IROTH)
