@@ -166,6 +166,13 @@ def test_too_little_memory_for_the_largest_photos(settings):
     assert check["machine"].state == "warning" and "photo.max_megapixels" in check["machine"].hint
 
 
+def test_an_outgoing_proxy_is_named(settings, monkeypatch):
+    monkeypatch.setenv("HTTPS_PROXY", "http://proxy:3128")
+    monkeypatch.setenv("NO_PROXY", "localhost")
+    message = states(doctor.check_installation(settings))["outgoing proxy"].message
+    assert message.startswith("for https: ") and "3128" not in message, "an address may have a password"
+
+
 def test_ports(settings):
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))

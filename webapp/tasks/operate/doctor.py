@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Literal
+from urllib.request import getproxies
 
 from sqlalchemy import text
 
@@ -42,7 +43,6 @@ _SELDOM = ("demo", "telemetry", "cluster")
 _NETWORK_DISKS = frozenset({"nfs", "nfs4", "cifs", "smb3", "smbfs", "9p", "fuse.sshfs"})
 """File systems over a network, whose locks SQLite cannot rely on."""
 
-_PROXIES = ("HTTPS_PROXY", "https_proxy", "HTTP_PROXY", "http_proxy", "ALL_PROXY", "all_proxy")
 _DECODING_GB = 0.84
 """Memory for decoding a photo of 120 megapixels; a process decodes two at once (docs/SECURITY.md)."""
 
@@ -217,12 +217,14 @@ def _memory_gb() -> float | None:
 
 
 def _outgoing_proxy() -> Found:
-    named = [name for name in _PROXIES if os.environ.get(name)]
+    named = sorted(
+        {*getproxies()} - {"no"}
+    )  # those of the environment, and on Windows and macOS of the system
     if named:
         yield Check(
             "outgoing proxy",
             "ok",
-            f"{', '.join(named)}: used for map tiles, places and models, not for street-level photos",
+            f"for {', '.join(named)}: used for map tiles, places and models, not for street-level photos",
         )
 
 
