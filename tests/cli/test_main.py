@@ -23,7 +23,7 @@ COMMANDS = [
     "foxglove", "foxglove localize", "foxglove mission",
     "connect", "connect tak",
     "account", "account link", "account token", "account add", "account list",
-    "settings", "backup", "restore", "library", "library move", "cluster", "cluster demo",
+    "settings", "doctor", "backup", "restore", "library", "library move", "cluster", "cluster demo",
 ]  # fmt: skip
 
 
