@@ -135,9 +135,9 @@ def test_a_start_and_axes_have_to_be_valid(upload, fields, status):
 
 def test_the_page_accepts_and_names_the_formats_that_it_can_read(client, monkeypatch):
     page = client.get("/missions").text
-    assert '"accept": ".bag,.db3,.mcap,.gpx,' in page
+    assert '"accept": ".mcap,.bag,.db3,.gpx,' in page
     assert "This server cannot read" not in page
     monkeypatch.setattr("webapp.missions.web.pages.is_installed", lambda name: name != "missions")
     page = client.get("/missions").text
-    assert "This server cannot read ROS bags, MCAP, FIT: the extra missions is not installed." in page
+    assert "This server cannot read MCAP, ROS bags, FIT: the extra missions is not installed." in page
     assert "anywhere on this page: GPX, TCX, KML, KMZ, GeoJSON, ULog, " in page
