@@ -34,7 +34,17 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
     ),
     "Localization": ("localization", "features", "large-maps", "scale", "measurements", "notation"),
     "Robots": ("missions", "robots", "ros", "foxglove", "tak", "fusion", "mission-exports"),
-    "Reference": ("commands", "python", "api", "settings", "errors", "results", "operating", "cluster"),
+    "Reference": (
+        "commands",
+        "python",
+        "api",
+        "settings",
+        "errors",
+        "results",
+        "compatibility",
+        "operating",
+        "cluster",
+    ),
 }
 """Chapters of the manual in their order, by part: names of the files in `docs/`, without extension."""
 
