@@ -124,7 +124,7 @@ class UnplacedPhoto(MapPhoto):
 
     _: KW_ONLY
     gps: LatLon | None = None
-    """Where it was taken by its GPS, a file beside it or a list."""
+    """Position that its GPS, its sidecar file or a table states; None if unknown."""
 
 
 @dataclass(frozen=True, slots=True)
