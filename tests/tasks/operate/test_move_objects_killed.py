@@ -17,11 +17,11 @@ from webapp.settings import Settings
 from webapp.store import clock
 from webapp.store.accounts import accounts
 from webapp.tasks.maps import adopt_map
-from webapp.tasks.operate import maintain_objects, move_objects
+from webapp.tasks.operate import maintain_objects, move
 
 pytestmark = pytest.mark.slow
 
-STORAGE, MOVE = "webapp.files.object_storage.storage", "webapp.tasks.operate.move_objects"
+STORAGE, MOVE = "webapp.files.object_storage.storage", "webapp.tasks.operate.move"
 FILES = 4
 
 INTO_S3 = [
@@ -47,12 +47,12 @@ BACK = [
 def into_s3(settings, variables):
     os.environ.update(variables)
     with existing_library(settings) as library:
-        return move_objects.move_to_storage(library, settings, progress=Progress())
+        return move.move_to_storage(library, settings, progress=Progress())
 
 
 def back(settings, variables):
     os.environ.update(variables)
-    return move_objects.move_to_folder(settings.library, settings, progress=Progress())
+    return move.move_to_folder(settings.library, settings, progress=Progress())
 
 
 @pytest.fixture

@@ -52,11 +52,10 @@ from webapp.tasks.localize.build_index import BuildRequest, update_index
 from webapp.tasks.localize.index_location import has_landmarks, landmarks_folder
 from webapp.tasks.maps import adopt_map, findings, photo_files
 from webapp.tasks.maps.delete_map import delete_map
-from webapp.tasks.operate import maintain_objects, move_objects, open_storage
-from webapp.tasks.operate.backup import back_up
-from webapp.tasks.operate.move import move_to_file
-from webapp.tasks.operate.move_objects import move_to_folder
-from webapp.tasks.operate.restore import restore
+from webapp.tasks.operate import maintain_objects, open_storage
+from webapp.tasks.operate import move as move_library
+from webapp.tasks.operate.backup import back_up, restore
+from webapp.tasks.operate.move import move_to_file, move_to_folder
 from webapp.tasks.satellite import display
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -528,7 +527,7 @@ def test_a_move_into_s3_waits_for_a_worker_that_is_at_it(move, library, monkeypa
         lock.release()
 
     monkeypatch.setattr(TerminalProgress, "note", note)
-    monkeypatch.setattr(move_objects, "_LOOK_S", 0.1)
+    monkeypatch.setattr(move_library, "_CANCEL_LOOK_S", 0.1)
     with FileLock(library.inner / "objects.lock") as lock:
         code, out, _ = move()
     assert (code, out.partition(",")[0]) == (0, f"{library.folder}: 1 files")
@@ -536,7 +535,7 @@ def test_a_move_into_s3_waits_for_a_worker_that_is_at_it(move, library, monkeypa
 
 
 def test_a_move_into_s3_does_not_wait_for_ever(move, library, monkeypatch):
-    monkeypatch.setattr(move_objects, "_WAIT_S", 0.2)
+    monkeypatch.setattr(move_library, "_WORKER_WAIT_S", 0.2)
     with FileLock(library.inner / "objects.lock"):
         assert maintain_objects.move_photos(library) == 0, "a worker does not wait"
         code, out, said = move()
