@@ -45,9 +45,9 @@ from webapp.core.localize.verified import find_places, with_probabilities
 from webapp.core.localize.vote import match_statistics
 from webapp.core.mapmodel.model import Map
 from webapp.core.reconstruction.depths import DepthObservations, DepthsExcluding
+from webapp.files.contents import local
 from webapp.files.localize.calibration import StoredCalibration
 from webapp.files.localize.models import network
-from webapp.files.object_storage.storage import local
 from webapp.settings import Settings
 from webapp.tasks.localize.open_map import OpenMap
 from webapp.tasks.localize.query_photo import QueryPhoto, pictures_of, read_query, to_experiences

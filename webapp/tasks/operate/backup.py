@@ -30,8 +30,8 @@ from webapp.core.mapmodel.paths import name_problem
 from webapp.errors import Conflict, InputError, ObjectLost, StorageError, UsageError
 from webapp.files.atomic import storage_error, sync_folder, write_text
 from webapp.files.backup import Archive, new_backup, read_manifest, unpack
+from webapp.files.contents import in_use, named_by, read_once
 from webapp.files.lock import allow_open_files, any_alive
-from webapp.files.object_storage.storage import in_use, named_by, read_once
 from webapp.progress import Progress
 from webapp.store import queries
 from webapp.store.clock import now
