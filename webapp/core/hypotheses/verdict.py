@@ -1,7 +1,4 @@
-"""Verdict on an answer (certain, uncertain, not on the map, nothing to see), and the sentence that states it.
-
-Web pages implement the same rule in `verdict.js`.
-"""
+"""Verdict on an answer (certain, uncertain, not on the map, nothing to see), and the sentence that states it."""
 
 from __future__ import annotations
 
