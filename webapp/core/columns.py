@@ -143,6 +143,11 @@ def read_header(name: str, *, fields: ColumnFields = POSE_FIELDS) -> Header:
     return Header(None, None, basis)
 
 
+def is_header(cell: str) -> bool:
+    """Return whether a cell is a known header of some table."""
+    return any(read_header(cell, fields=fields).field for fields in (POSE_FIELDS, PHOTO_FIELDS))
+
+
 def guess_columns(
     header: Sequence[str], *, fields: ColumnFields = POSE_FIELDS, remarks: list[str] | None = None
 ) -> Columns:
@@ -208,7 +213,8 @@ def _spelled(text: str) -> str:
 def _plain(text: str) -> str:
     """Return a header in lower case without accents and marks of comments."""
     parts = unicodedata.normalize("NFKD", text.strip().lstrip("#%").strip().lower().replace("º", "°"))
-    return "".join(one for one in parts if not unicodedata.combining(one)).replace("ß", "ss")
+    plain = "".join(one for one in parts if not unicodedata.combining(one))
+    return plain.replace("ß", "ss").replace("ł", "l")
 
 
 def _header(cell: str) -> str:

@@ -183,3 +183,38 @@ def test_many_comments_take_little_time():
     (found,) = read_table(text.encode(), None, where="list.txt", formats="a table")
     assert (found.name, found.position) == ("a.jpg", A)
     assert time.process_time() - before < 4
+
+
+OTHER_HEADERS = {
+    "Čas snímku;Název;Zem. šířka;Zem. délka": "cp1250",
+    "zdjęcie;szerokość geograficzna;długość geograficzna": "cp1250",
+    "Soubor,Severní šířka,Východní délka": "cp1250",
+    "Bildname;Größe;Geogr. Breite;Geogr. Länge": "cp1252",
+    "Nom de fichier;Légende;Latitude (degrés);Longitude (degrés)": "cp1252",
+}
+
+
+@pytest.mark.parametrize("header", OTHER_HEADERS)
+def test_the_code_page_is_the_one_in_which_the_headers_make_sense(tmp_path, header):
+    delimiter = ";" if ";" in header else ","
+    name = next(n for n, cell in enumerate(header.split(delimiter)) if cell[0] in "NzSB")
+    cells = ["1"] * header.count(delimiter) + ["1"]
+    cells[name], cells[-2], cells[-1] = "a.jpg", "50.1", "14.4"
+    text = f"{header}\n{delimiter.join(cells)}\n"
+    assert read(tmp_path, text, encoding=OTHER_HEADERS[header]).by_name == {"a.jpg": A}
+
+
+@pytest.mark.parametrize(
+    ("names", "page"),
+    [
+        (["Třebíč náměstí.jpg", "Kroměříž.jpg"], "cp1250"),
+        (["Łódź.jpg", "Kraków żółty.jpg"], "cp1250"),
+        (["Straße.jpg", "Brücke.jpg"], "cp1252"),
+        (["Église.jpg", "forêt à côté.jpg"], "cp1252"),
+        (["Peñíscola.jpg", "Avión.jpg"], "cp1252"),
+        (["Tromsø.jpg", "Ålesund.jpg"], "cp1252"),
+    ],
+)
+def test_the_code_page_is_the_one_in_which_the_names_are_words_of_a_language(tmp_path, names, page):
+    rows = "".join(f"{name};50.1;14.4\n" for name in names)
+    assert set(read(tmp_path, f"name;lat;lon\n{rows}", encoding=page).by_name) == set(names)

@@ -12,7 +12,7 @@ import io
 import math
 import re
 import unicodedata
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
@@ -20,7 +20,6 @@ from webapp.core.columns import (
     LONGEST_HEADER,
     PHOTO_FIELDS,
     Column,
-    ColumnFields,
     Columns,
     guess_columns,
     parse_columns,
@@ -31,52 +30,6 @@ from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import GeoreferenceError, TableError, TrackError
 from webapp.files.decode import PHOTO_SUFFIXES
 from webapp.files.text_file import cell_text, delimiter_of, numbered_lines, split_row
-
-_WORDS: Mapping[str, Sequence[str]] = {
-    "name": (
-        "imagename",
-        "photoname",
-        "label",
-        "image_filename",
-        *("bild", "bildname", "foto", "fotoname", "datei", "dateiname"),
-        *("nazev", "nazev_souboru", "soubor", "fotka", "snimek", "obrazek", "jmeno"),
-        *("nombre", "archivo", "fichero", "imagen", "nombre_de_archivo", "fotografia"),
-        *("nom", "fichier", "nom_du_fichier", "photographie"),
-    ),
-    "lat": (
-        *("x_lat", "y/latitude", "gps_latitude", "latitude_wgs84"),
-        *("geographische_breite", "breitengrad", "geogr_breite"),
-        *("sirka", "zemepisna_sirka", "zem_sirka", "sev_sirka"),
-        *("latitud", "lat_wgs84"),
-    ),
-    "lon": (
-        *("x/longitude", "gps_longitude", "longitude_wgs84"),
-        *("lange", "laenge", "geographische_lange", "geographische_laenge", "langengrad", "laengengrad"),
-        *("geogr_lange", "geogr_laenge"),
-        *("delka", "zemepisna_delka", "zem_delka", "vych_delka"),
-        *("longitud", "lon_wgs84", "lng_wgs84"),
-    ),
-    "x": ("x/easting", "x/east", "easting", "geo_x"),
-    "y": ("y/northing", "y/north", "northing", "geo_y"),
-    "heading": (
-        *("richtung", "blickrichtung", "kurs", "ausrichtung"),
-        *("smer", "kurz", "azimut", "natoceni"),
-        *("direccion", "rumbo", "orientacion", "acimut"),
-        *("cap", "orientation", "azimuth"),
-    ),
-}
-"""Headers of other programs and in the languages of the pages, without accents, besides those of columns."""
-
-FIELDS = ColumnFields(
-    PHOTO_FIELDS.units,
-    {name: (*names, *_WORDS.get(name, ())) for name, names in PHOTO_FIELDS.names.items()},
-    PHOTO_FIELDS.needed,
-    PHOTO_FIELDS.example,
-)
-"""Columns of these tables."""
-
-_CODE_PAGES = ("cp1252", "cp1250")
-"""Of Windows in Western and in Central Europe."""
 
 _UNKNOWN = ("", "-")
 _LONGEST_ANGLE = 60
@@ -150,16 +103,10 @@ def read_table(data: bytes, columns: str | None, *, where: str, formats: str) ->
 
 
 def _utf8(data: bytes) -> bytes:
-    """Return a table as UTF-8; spreadsheets write UTF-16 or a code page, detected by the header."""
-    try:
-        if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-            return data.decode("utf-16").encode()
-        data.decode()
-    except UnicodeDecodeError:
-        texts = [data.decode(page, "replace") for page in _CODE_PAGES]
-        known = [max(map(_header_words, text.splitlines()[:3]), default=0) for text in texts]
-        return texts[known.index(max(known))].encode()
-    return data
+    """Return a table in UTF-16, as spreadsheets write, as UTF-8; others unchanged."""
+    if not data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return data
+    return data.decode("utf-16", "replace").encode()
 
 
 def _preamble(lines: Lines) -> tuple[str | None, Lines]:
@@ -187,7 +134,7 @@ def _header_words(line: str) -> int:
     delimiter = delimiter_of(line.lstrip("# ")) or ";"
     cells = [cell for cell in split_row(line, delimiter) if cell]
     plain = [re.sub(r"[\s.\-]+", "_", _plain(cell).lstrip("#% ").strip()) for cell in cells]
-    return sum(cell in FIELDS.by_name for cell in plain)
+    return sum(cell in PHOTO_FIELDS.by_name for cell in plain)
 
 
 def _plane(text: str, where: str) -> str:
@@ -213,7 +160,7 @@ def _rows(lines: Lines, columns: str | None, *, delimiter: str, in_plane: bool) 
 
 def _columns(header: Sequence[str], columns: str | None, *, where: str, in_plane: bool) -> Columns:
     if columns:
-        return parse_columns(columns, header, fields=FIELDS)
+        return parse_columns(columns, header, fields=PHOTO_FIELDS)
     plain = [_plain(cell) for cell in header]
     if _is_of_ground_points(plain):
         raise TableError(
@@ -222,7 +169,7 @@ def _columns(header: Sequence[str], columns: str | None, *, where: str, in_plane
             hint="give them as control points of the satellite image",
         )
     try:
-        found = guess_columns(plain, fields=FIELDS)
+        found = guess_columns(plain, fields=PHOTO_FIELDS)
     except TrackError as error:
         is_photo = PurePosixPath(header[0].strip()).suffix.lower() in PHOTO_SUFFIXES if header else False
         hint = "the first line is a photo, not a header: assign columns by number: name=1, lat=2, lon=3"
