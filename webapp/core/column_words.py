@@ -29,6 +29,8 @@ _POSITION = {
 UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "excel": EXCEL_DAYS},
     "date": {"": 0.0, **DATE_ORDERS},
+    "week": {"1": 1.0},
+    "tow": {"s": 1.0, "ms": 1e-3},
     "lat": _POSITION,
     "lon": _POSITION,
     "lat_ref": {"": 1.0},
@@ -130,6 +132,15 @@ NAMES: dict[str, Sequence[str]] = {
         "data_i_godzina ora data_ora"
     ),
     "date": _words("date utc_d utc_date date_utc gps_date local_date date_local datum fecha"),
+    "week": _words(
+        "week weeks gps_week gpsweek gps_wk gwk gps_wn wn weekno week_no week_number gps_week_number wnum"
+    ),
+    "tow": _words(
+        "tow gps_tow gpstow sow gps_sow itow i_tow gms time_of_week gps_time_of_week seconds_of_week "
+        "second_of_week sec_of_week secs_of_week seconds_in_week seconds_into_week sec_in_week ms_of_week "
+        "week_seconds week_second week_sec weeksec weekseconds week_time gps_seconds gps_second gps_secs "
+        "gps_sec gpsseconds gpssecond gpssec gps_milliseconds gps_ms gps_week_seconds"
+    ),
     "lat": _words(
         "lat latitude gps_lat gps_latitude gpslatitude latitude_n/s osd_latitude breite breitengrad "
         "geogr_breite geografische_breite geographische_breite nordliche_breite sirka zemepisna_sirka "

@@ -108,6 +108,8 @@ def parse_columns(text: str, header: Sequence[str], *, fields: ColumnFields = PO
     problem = _missing(found, fields)
     if 0 < sum(f"q{axis}" in found for axis in "xyzw") < len("xyzw"):
         problem = "the quaternion is incomplete"
+    if ("week" in found) != ("tow" in found):
+        problem = "a time of GPS needs both week and tow, the seconds of the week"
     if problem:
         raise UsageError(problem, where="columns", hint=f"write them like {fields.example}")
     return found
