@@ -96,10 +96,10 @@ def read_table(data: bytes, columns: str | None, *, where: str, formats: str) ->
     if not lines:
         raise TableError("the table has no rows", where=where, hint=f"use {formats}")
     if plane is not None and _ODM.fullmatch(numbered[0][1].strip()):
-        return list(_in_plane(_odm_rows(lines), plane))
+        return list(from_plane(_odm_rows(lines), plane))
     delimiter = separator[1] if separator else delimiter_of(lines[0][1]) or ";"
     rows = list(_rows(lines, columns, delimiter=delimiter, in_plane=plane is not None))
-    return rows if plane is None else list(_in_plane(rows, plane))
+    return rows if plane is None else list(from_plane(rows, plane))
 
 
 def _utf8(data: bytes) -> bytes:
@@ -280,7 +280,7 @@ def _odm_rows(lines: Lines) -> Iterator[ListedPosition]:
             yield entry
 
 
-def _in_plane(
+def from_plane(
     entries: Iterator[ListedPosition] | Sequence[ListedPosition], plane: str
 ) -> Iterator[ListedPosition]:
     """Convert positions from east and north in a coordinate system."""
