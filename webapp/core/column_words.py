@@ -202,7 +202,10 @@ PHOTO_NAMES: dict[str, Sequence[str]] = {
         "picture title bild bildname foto fotoname datei dateiname fotka fotografie snimek obrazek soubor "
         "nazev jmeno nazev_souboru jmeno_souboru fotografia imagen archivo nombre nombre_de_archivo "
         "fichier nom nom_de_fichier nom_du_fichier photographie imagename photoname image_filename label "
-        "fichero zdjecie plik nazwa nazwa_pliku immagine nome nome_file"
+        "fichero photoid photo_id bilddatei fotodatei name_des_bildes nazev_snimku nazev_fotky "
+        "nazev_fotografie nazev_obrazku jmeno_fotky jmeno_snimku nombre_de_la_foto nombre_de_la_imagen "
+        "nombre_de_imagen nombre_de_foto nom_de_la_photo nom_de_l'image nom_image nom_photo zdjecie plik "
+        "nazwa nazwa_pliku immagine nome nome_file"
     ),
     "lat": NAMES["lat"],
     "lon": NAMES["lon"],

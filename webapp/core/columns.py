@@ -174,6 +174,9 @@ def guess_columns(
             unknown.setdefault(field, (name.strip(), str(unit)))
         else:
             found[field] = Column(index, scale)
+    for pair in (("lat", "lon"), ("x", "y")):
+        if len(found.keys() & {"lat", "lon", "x", "y"}) == 3 and len(found.keys() & set(pair)) == 1:
+            found = {field: column for field, column in found.items() if field not in pair}
     for field, (name, unit) in unknown.items():
         if field in found:
             continue

@@ -23,6 +23,7 @@ from webapp.core.columns import (
     Columns,
     guess_columns,
     parse_columns,
+    read_header,
 )
 from webapp.core.geo.crs import crs_name, latlon_from_plane
 from webapp.core.geo.fit import check_positions
@@ -57,6 +58,11 @@ _IN_BRACKETS = (
     (re.compile(r"[\[(]\s*(grad|stupne|grados|degres|degrees?|dd)\s*[\])]"), "[deg]"),
     (re.compile(r"[\[(]\s*(wgs[\s_-]*84|epsg:4326|n|e|no?rd|ost|sud|est)\s*[\])]"), ""),
 )
+_UNIT_METRES = re.compile(r"[\s_]*[\[(]\s*(m|meters?|metres?)\s*[\])]")
+_ANGLES = {"omega", "phi", "kappa"}
+_LEAST_HEADERS = 2
+"""Cells by which a line is a header."""
+
 _LARGEST_GROUND_POINT = 6
 """Columns before the name of a line of ODM's `gcp_list.txt` end with it: x y z, pixel x y, photo."""
 
@@ -95,7 +101,8 @@ def read_table(data: bytes, columns: str | None, *, where: str, formats: str) ->
     plane, lines = _preamble(lines) if lines else (None, lines)
     if not lines:
         raise TableError("the table has no rows", where=where, hint=f"use {formats}")
-    if plane is not None and _ODM.fullmatch(numbered[0][1].strip()):
+    is_odm = _ODM.fullmatch(numbered[0][1].strip()) and _header_words(lines[0][1]) < _LEAST_HEADERS
+    if plane is not None and is_odm:
         return list(from_plane(_odm_rows(lines), plane))
     delimiter = separator[1] if separator else delimiter_of(lines[0][1]) or ";"
     rows = list(_rows(lines, columns, delimiter=delimiter, in_plane=plane is not None))
@@ -119,7 +126,7 @@ def _preamble(lines: Lines) -> tuple[str | None, Lines]:
         stated = _STATED.fullmatch(line.strip())
         if stated is not None:
             plane = _plane(stated[1].strip(), place)
-        elif not line.lstrip().startswith("#") or _header_words(line) >= 2:
+        elif not line.lstrip().startswith("#") or _header_words(line) >= _LEAST_HEADERS:
             return plane, lines[number:]
     return plane, ()
 
@@ -133,8 +140,7 @@ def _header_words(line: str) -> int:
     """Count the cells of a line that are known headers."""
     delimiter = delimiter_of(line.lstrip("# ")) or ";"
     cells = [cell for cell in split_row(line, delimiter) if cell]
-    plain = [re.sub(r"[\s.\-]+", "_", _plain(cell).lstrip("#% ").strip()) for cell in cells]
-    return sum(cell in PHOTO_FIELDS.by_name for cell in plain)
+    return sum(read_header(_plain(cell), fields=PHOTO_FIELDS).field is not None for cell in cells)
 
 
 def _plane(text: str, where: str) -> str:
@@ -168,23 +174,38 @@ def _columns(header: Sequence[str], columns: str | None, *, where: str, in_plane
             where=where,
             hint="give them as control points of the satellite image",
         )
+    if in_plane:
+        plain = [_UNIT_METRES.sub("", cell) for cell in plain]
+    else:
+        _check_pixels(plain, where=where)
     try:
-        found = guess_columns(plain, fields=PHOTO_FIELDS)
+        return guess_columns(plain, fields=PHOTO_FIELDS)
     except TrackError as error:
         is_photo = PurePosixPath(header[0].strip()).suffix.lower() in PHOTO_SUFFIXES if header else False
         hint = "the first line is a photo, not a header: assign columns by number: name=1, lat=2, lon=3"
         raise TableError(error.message, where=where, hint=hint if is_photo else error.hint) from error
-    if (
-        "lat" not in found
-        and not in_plane
-        and any(map(_METRES.search, (plain[found[side].index] for side in "xy")))
-    ):
+
+
+def _check_pixels(header: Sequence[str], *, where: str) -> None:
+    """Refuse x and y that are no pixels. Raises TableError."""
+    read = [read_header(cell, fields=PHOTO_FIELDS) for cell in header]
+    sides = [cell for cell, one in zip(header, read, strict=True) if one.field in ("x", "y")]
+    if any(one.field == "lat" or one.unit == "px" for one in read) or not sides:
+        return
+    if any(map(_METRES.search, sides)):
         raise TableError(
             "the positions are in metres, and the table states no coordinate system",
             where=where,
             hint="export them in degrees (WGS 84), or begin with a line such as EPSG:32633",
         )
-    return found
+    others = {read_header(cell).field for cell in header} & {"z", "height"}
+    if others or _ANGLES & {cell.strip() for cell in header}:
+        raise TableError(
+            "x and y with heights or angles are no pixels, and the table states no coordinate system",
+            where=where,
+            hint="begin with a line such as EPSG:32633, or if they are degrees name the columns: "
+            "name=..., lon=x, lat=y",
+        )
 
 
 def _is_of_ground_points(header: Sequence[str]) -> bool:
