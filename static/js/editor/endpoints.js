@@ -30,7 +30,7 @@ export function endpointsOf(slug) {
     undo: () => post(`${map}/undo`, {}),
     redo: () => post(`${map}/redo`, {}),
 
-    setSatellite: (file, { onProgress, tray = false } = {}) =>
+    setSatellite: (file, { onProgress = undefined, tray = false } = {}) =>
       upload(`${map}/satellite`, { method: "PUT", body: form({ file, tray }), onProgress }),
 
     ...uploadEndpoints(slug),
