@@ -28,6 +28,7 @@ _POSITION = {
 }  # fmt: skip
 UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "excel": EXCEL_DAYS},
+    "nanos": {"ns": 1e-9, "us": 1e-6, "ms": 1e-3},
     "date": {"": 0.0, **DATE_ORDERS},
     "week": {"1": 1.0},
     "tow": {"s": 1.0, "ms": 1e-3},
@@ -125,13 +126,20 @@ NAMES: dict[str, Sequence[str]] = {
     "time": _words(
         "time timestamp timestamps stamp t utc datetime date_time date_and_time unixtime unix_time epoch "
         "times utc_t utc_time time_utc gmt_time datetime_utc utc_datetime timestamp_utc gps_time gpst "
+        "header_stamp_sec header_stamp_secs stamp_sec stamp_secs secs unix_timestamp timestamp_unix epoch_time time_epoch posix_time system_time ros_time header_stamp "
+        "capture_time sample_time fix_time log_time recorded_at measured_at elapsed elapsed_time flight_time "
+        "osd_flytime custom_updatetime "
         "local_time time_local datetime_local frame_id gpsdatetime zeit "
         "uhrzeit zeitpunkt zeitstempel datum_zeit datum/zeit datum_uhrzeit datum_und_uhrzeit cas "
         "datum_cas datum_a_cas casova_znacka casove_razitko tiempo hora fecha_hora fecha_y_hora "
         "marca_de_tiempo marca_temporal temps heure date_heure date_et_heure horodatage czas znacznik_czasu "
         "data_i_godzina ora data_ora"
     ),
-    "date": _words("date utc_d utc_date date_utc gps_date local_date date_local datum fecha"),
+    "date": _words("date utc_d utc_date date_utc gps_date local_date date_local custom_date datum fecha"),
+    "nanos": _words(
+        "nanos nanosec nanosecs nsec nsecs stamp_nsec stamp_nsecs stamp_nanosec header_stamp_nsec "
+        "header_stamp_nsecs header_stamp_nanosec"
+    ),
     "week": _words(
         "week weeks gps_week gpsweek gps_wk gwk gps_wn wn weekno week_no week_number gps_week_number wnum"
     ),

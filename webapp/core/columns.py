@@ -58,6 +58,7 @@ _AFTER_WORD = re.compile(
 )
 """A unit after a name; those that are words themselves (`min`, `in`) only count in brackets."""
 
+_CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 LONGEST_HEADER = 100
 """Characters; a longer cell is no header, and taking it apart could take quadratic time."""
@@ -124,8 +125,13 @@ class Header(NamedTuple):
 
 
 def read_header(name: str, *, fields: ColumnFields = POSE_FIELDS) -> Header:
-    """Recognise a field and a unit: `timestamp_ms`, `Latitude [deg]`, `Höhe (m)`, `t/s` ..."""
-    plain = _header(name)
+    """Recognise a field and a unit: `timestamp_ms`, `Latitude [deg]`, `Höhe (m)`, `timeNanos` ..."""
+    found = _read_plain(_header(name), fields)
+    return found if found.field else _read_plain(_header(_CAMEL.sub("_", name)), fields)
+
+
+def _read_plain(plain: str, fields: ColumnFields) -> Header:
+    plain = plain.removeprefix("field.")  # as `rostopic echo -p` writes
     words = set(re.findall(r"[a-z]+", plain))
     basis = 1 if words & UTC_WORDS else -1 if words & LOCAL_WORDS else 0
     whole = _recognized(plain, fields)
@@ -138,7 +144,7 @@ def read_header(name: str, *, fields: ColumnFields = POSE_FIELDS) -> Header:
         unit = parts[2].strip() if _spelled(parts[2]) else None
         field = _recognized(parts[1], fields)
         if field is None and pattern is _IN_BRACKETS:  # `time_utc (ms)` or `timestamp_ms (UTC)`
-            inner = read_header(parts[1], fields=fields)
+            inner = _read_plain(parts[1], fields)
             field, unit = inner.field, unit or inner.unit
         if field is not None:
             return Header(field, unit, basis)

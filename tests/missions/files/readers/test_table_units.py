@@ -34,6 +34,12 @@ def read(text, **options):
         ("time (min)", "29627160", "29627160.025"),
         ("time", "1777629600000", "1777629601500"),
         ("gpsdatetime", "2026:05:01 10:00:00", "2026:05:01 10:00:01.5"),
+        ("timestampMs", "1777629600000", "1777629601500"),
+        ("timeNanos", "1777629600000000000", "1777629601500000000"),
+        ("Unix Timestamp [ms]", "1777629600000", "1777629601500"),
+        ("%time,field.header.seq,field.header.stamp", "1777629600000000000,1,0", "1777629601500000000,2,0"),
+        ("header.stamp.sec,header.stamp.nanosec", "1777629600,0", "1777629601,500000000"),
+        ("secs,nsecs", "1777629600,0", "1777629601,500000000"),
     ],
 )
 def test_times_are_read_in_the_unit_of_the_header(header, first, second):
@@ -264,3 +270,10 @@ def test_weeks_can_be_named_and_need_their_seconds():
     assert piece.poses.times_s.tolist() == [START]
     with pytest.raises(UsageError, match="needs both week and tow"):
         read(text, columns="week=a, lat=lat, lon=lon")
+
+
+def test_numbers_that_are_no_degrees_are_refused_in_a_sentence():
+    with pytest.raises(TrackError, match="the numbers of 'Lat', such as 501000000, are no degrees"):
+        read("Lat,Lon\n501000000,144000000\n")
+    piece, _ = read("Lat,Lon\n501000000,144000000\n", columns="lat=Lat:e7, lon=Lon:e7")
+    assert piece.poses.latlon.tolist() == [[pytest.approx(50.1), pytest.approx(14.4)]]

@@ -72,6 +72,7 @@ _IN_MILLISECONDS = {"gms", "itow", "i_tow"}
 """Headers of seconds of the week in milliseconds, as u-blox and ArduPilot name them."""
 
 _WEEKS_OF_10_BITS = 1024
+_NO_DEGREES = 360.0
 _EXIF_DATE = re.compile(r"(\d{4}):(\d\d):(\d\d)(?=[ T]|$)")
 
 
@@ -219,6 +220,11 @@ class Table:
         if "week" in self.columns:
             week, seconds = (self.number(fields, name) for name in ("week", "tow"))
             return utc_from_week(week, seconds) if week >= 0.0 and 0.0 <= seconds <= WEEK_S else math.nan
+        later = self.number(fields, "nanos") if "nanos" in self.columns else 0.0
+        value = self._moment(fields) + later
+        return value if abs(value) < LAST_S else math.nan
+
+    def _moment(self, fields: Sequence[str]) -> float:
         text, day = (_plain_moment(self.text(fields, name)) for name in ("time", "date"))
         value = unix_time(text)
         if math.isnan(value) and day:
@@ -229,7 +235,7 @@ class Table:
             value = self.seconds(text)
             if math.isnan(value):
                 value = moment(*split_datetime(text), order=self.order)
-        return value if abs(value) < LAST_S else math.nan
+        return value
 
     def seconds(self, text: str) -> float:
         """Parse a numeric time; return seconds since 1970."""
@@ -292,10 +298,23 @@ def open_table(file: BinaryIO, columns: str | None) -> Table:
     if columns:
         return table
     rows = [cells for _, cells in islice(table_rows(file, table), _TRIED)]
+    _check_degrees(table, rows)
     chosen, said = _choose_times(table.header, table.columns, rows=rows)
     if {"week", "tow"} & chosen.keys():
         chosen, said = _choose_weeks(table.header, chosen, rows=rows, said=said)
     return replace(table, columns=chosen, remarks=(*table.remarks, *said))
+
+
+def _check_degrees(table: Table, rows: Sequence[Sequence[str]]) -> None:
+    """Refuse latitudes in another unit than their header says, such as 1e-7 degrees. Raises TrackError."""
+    found = [abs(table.number(row, "lat")) for row in rows] if "lat" in table.columns else []
+    known = [value for value in found if not math.isnan(value)]
+    if known and min(known) > _NO_DEGREES:
+        name = table.header[table.columns["lat"].index].strip()
+        raise TrackError(
+            f"the numbers of {name!r}, such as {known[0]:.10g}, are no degrees",
+            hint="give their unit, such as lat=lat:e7, lon=lon:e7; or convert them to degrees",
+        )
 
 
 def _open(line: str, remarks: Iterable[str], columns: str | None, *, number: int, delimiter: str) -> Table:
