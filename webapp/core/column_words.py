@@ -126,7 +126,8 @@ NAMES: dict[str, Sequence[str]] = {
     "time": _words(
         "time timestamp timestamps stamp t utc datetime date_time date_and_time unixtime unix_time epoch "
         "times utc_t utc_time time_utc gmt_time datetime_utc utc_datetime timestamp_utc gps_time gpst "
-        "header_stamp_sec header_stamp_secs stamp_sec stamp_secs secs unix_timestamp timestamp_unix epoch_time time_epoch posix_time system_time ros_time header_stamp "
+        "header_stamp_sec header_stamp_secs stamp_sec stamp_secs secs "
+        "unix_timestamp timestamp_unix epoch_time time_epoch posix_time system_time ros_time header_stamp "
         "capture_time sample_time fix_time log_time recorded_at measured_at elapsed elapsed_time flight_time "
         "osd_flytime custom_updatetime "
         "local_time time_local datetime_local frame_id gpsdatetime zeit "
