@@ -15,7 +15,8 @@ Columns, for each map, features and method:
   share of the queries that were refused though their first hypothesis was right;
 - foreign: share of the --foreign photos that got a place with a probability of at least 0.5; "off": their
   median probability of "not on this map";
-- ms, mean, p95: median, mean and 95th percentile of the time of a query; MB: peak of the process; build s, calibrate s.
+- ms, mean, p95: median, mean and 95th percentile of the time of a query; MB: peak of the process; build s,
+  calibrate s.
 
 --baseline is another program with the interface described in `benchmarks.side_by_side`, such as
 `benchmarks/peer_colmap.py`. --options adds options of `expmap evaluate` to the methods: measured once with
