@@ -211,7 +211,7 @@ def test_a_confirmed_photo_becomes_an_experience_and_is_indexed_alone(page, copi
         page.expect_response(lambda response: response.url.endswith("/localize")) as answered,
     ):
         page.locator("#ask-again").evaluate("button => button.form.requestSubmit()")
-    answer = answered.value.json()
+    answer = json.loads(answered.value.text().split("event: answer\ndata: ")[1])
     assert id in answer["hypotheses"][0]["experiences"]  # the adopted photo now matches itself
 
 
