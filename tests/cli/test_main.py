@@ -13,6 +13,7 @@ from click.shell_completion import ShellComplete
 from webapp import errors
 from webapp.app import main as program
 from webapp.cli.exitcodes import exit_code
+from webapp.connect import connections
 
 COMMANDS = [
     "sample", "map", "map check", "map from-photos", "map place-rest", "build", "localize", "find",
@@ -21,7 +22,7 @@ COMMANDS = [
     "mission", "mission list", "mission new", "mission import", "mission inspect", "mission export",
     "robot", "robot send", "robot replay", "robot recover", "robot status",
     "foxglove", "foxglove localize", "foxglove mission",
-    "connect", "connect tak",
+    "connect", *(f"connect {name}" for name in connections()),
     "account", "account link", "account token", "account add", "account list",
     "settings", "doctor", "backup", "restore", "library", "library move", "cluster", "cluster demo",
 ]  # fmt: skip

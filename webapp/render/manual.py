@@ -29,6 +29,7 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "panoramas",
         "street",
         "satellite",
+        "basemaps",
         "georeference",
         "sharing",
         "field",

@@ -1,22 +1,30 @@
 """A mission in TAK: what servers, groups and data packages get."""
 
 import shutil
+import signal
 import socket
+import sqlite3
 import ssl
 import struct
 import subprocess
+import sys
 import threading
+import time
 import zipfile
+from contextlib import closing
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import pytest
 
 from webapp.app import main as program
-from webapp.connect.tak.events import CotEvent, to_protobuf, to_stream, to_xml
+from webapp.connect.tak.events import UNKNOWN_M, CotEvent, to_protobuf, to_stream, to_xml
+from webapp.connect.tak.feed import from_protobuf, from_xml
+from webapp.connect.tak.incoming import Incoming
 from webapp.connect.tak.link import TakLink
 from webapp.connect.tak.mission import mission_events
 from webapp.core.geo.types import LatLon
-from webapp.errors import InputError, UsageError
+from webapp.errors import InputError, TrackError, UsageError
 from webapp.missions.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
 from webapp.missions.core.trajectory.records import make_poses
 
@@ -24,6 +32,7 @@ EVENT = CotEvent(
     "a.1", "a-f-G", "m-g", "Žofie <1>", LatLon(50.0, -14.5), 1714557600.25, 1714557601.0, 1714558200.0,
     height_m=210.0, radius_m=3.0, course_deg=90.0, remarks="gps & \x01",
 )  # fmt: skip
+EXPMAP = [sys.executable, "-m", "webapp"]
 GPX = """<gpx xmlns="http://www.topografix.com/GPX/1/1" version="1.1" creator="t"><trk><name>Rex</name>
 <trkseg>
 <trkpt lat="50.0" lon="14.0"><time>2024-05-01T10:00:00Z</time></trkpt>
@@ -136,7 +145,7 @@ def test_radii_are_of_68_percent_and_dismissed_objects_are_left_out():
         for name, state in (("a", "confirmed"), ("b", "dismissed"))
     ]
     mission = MissionExport("Search", (track,), ("victim",), lambda: objects)
-    robot, victim = mission_events(mission, key="k", now_s=10.0, keep_s=60.0)
+    robot, victim = mission_events(mission, key="k.", now_s=10.0, keep_s=60.0)
     assert (robot.uid, robot.callsign, robot.latlon.lat, robot.start_s, robot.stale_s) == (
         "k.track-1", "Rex", 50.1, 6.0, 66.0
     )  # fmt: skip
@@ -194,18 +203,31 @@ def test_a_dead_server_and_needless_certificates_are_explained(tmp_path):
         TakLink("tcp://127.0.0.1:1", authority=tmp_path)
 
 
-def test_the_command_writes_a_data_package_and_sends(tmp_path, monkeypatch, capsys):
+@pytest.fixture
+def expmap(tmp_path, monkeypatch, capsys):
+    """Runs a command on a library of the test and returns exit code, standard output and standard error."""
     monkeypatch.setenv("EXPMAP_LIBRARY", str(tmp_path / "library"))
-    (tmp_path / "track.gpx").write_text(GPX)
 
-    def expmap(*words):
+    def call(*words):
         with pytest.raises(SystemExit) as ended:
             program.main([str(word) for word in words])
-        return ended.value.code, capsys.readouterr().out
+        output = capsys.readouterr()
+        return ended.value.code, output.out, output.err
 
+    return call
+
+
+@pytest.fixture
+def search(tmp_path, expmap):
+    """A mission with one track of two poses."""
+    (tmp_path / "track.gpx").write_text(GPX)
     expmap("mission", "new", "Search <1>")
     assert expmap("mission", "import", 1, tmp_path / "track.gpx")[0] == 0
-    assert expmap("connect", "tak", 1, tmp_path / "a.zip") == (0, f"wrote {tmp_path / 'a.zip'}\n")
+    return 1
+
+
+def test_the_command_writes_a_data_package_and_sends(search, expmap, tmp_path):
+    assert expmap("connect", "tak", "send", 1, tmp_path / "a.zip") == (0, f"wrote {tmp_path / 'a.zip'}\n", "")
     with zipfile.ZipFile(tmp_path / "a.zip") as package:
         manifest = ElementTree.fromstring(package.read("MANIFEST/manifest.xml"))
         (content,) = manifest.findall("Contents/Content")
@@ -214,6 +236,157 @@ def test_the_command_writes_a_data_package_and_sends(tmp_path, monkeypatch, caps
     assert content.find("Parameter").get("value") == event.get("uid")
     assert float(event.find("point").get("lat")) == 50.0002
     with Server() as server:
-        code, out = expmap("connect", "tak", 1, f"tcp://127.0.0.1:{server.port}")
+        code, out, _ = expmap("connect", "tak", "send", 1, f"tcp://127.0.0.1:{server.port}")
     assert (code, out) == (0, f"sent 1 items to tcp://127.0.0.1:{server.port}\n")
     assert ElementTree.fromstring(server.got).get("uid") == event.get("uid")
+
+
+@pytest.mark.parametrize(("write", "read"), [(to_xml, from_xml), (to_protobuf, from_protobuf)])
+def test_what_is_written_is_read(write, read):
+    assert read(write(EVENT)) == replace(EVENT, remarks="gps & ?")
+
+
+NO_EVENT = [
+    b"<event/>",
+    b"<other/>",
+    b"<event uid='a' type='a-f-G' time='2024-05-01T10:00:00Z'",
+    to_xml(EVENT).replace(b'time="2024', b'time="soon'),
+    to_xml(EVENT).replace(b'lat="50', b'lat="95'),
+    b"<!DOCTYPE e [<!ENTITY a 'a'>]>" + to_xml(EVENT).partition(b"\n")[2],
+]
+
+
+@pytest.mark.parametrize("data", NO_EVENT)
+def test_what_is_no_event_is_refused(data):
+    with pytest.raises(TrackError):
+        from_xml(data)
+
+
+@pytest.mark.parametrize("data", [b"", b"\xff" * 40, to_protobuf(EVENT)[:-3], b"\x12\x03\x52\x05\x00"])
+def test_a_damaged_message_is_refused(data):
+    with pytest.raises(TrackError):
+        from_protobuf(data)
+
+
+def test_positions_become_poses_and_markers_objects_once():
+    incoming = Incoming(own="mine.", newest={})
+    marker = replace(EVENT, uid="m", type="b-m-p-s-m", callsign="Bag", radius_m=UNKNOWN_M)
+    events = [
+        EVENT,
+        marker,
+        EVENT,  # Sent again
+        replace(EVENT, uid="mine.track-1"),
+        replace(EVENT, uid="shape", type="u-d-f"),
+        replace(EVENT, uid="no fix", latlon=LatLon(0.0, 0.0)),
+        replace(EVENT, uid="other"),  # The same callsign
+        replace(EVENT, time_s=EVENT.time_s + 5.0, how="h-e"),
+    ]
+    pose, found, other, later = incoming.records(events)
+    assert {**pose, "covariance": None} == {
+        "type": "pose", "source": "gps", "time": EVENT.time_s, "lat": 50.0, "lon": -14.5, "height_m": 210.0,
+        "heading_deg": 90.0, "covariance": None, "track": pose["track"],
+    }  # fmt: skip
+    assert pose["covariance"] == pytest.approx([(3.0 / 1.515) ** 2] * 2 + [0.0])
+    assert pose["track"].startswith("Žofie <1> (") and pose["track"] != other["track"]
+    assert (found["class"], found["id"][:5], "covariance" in found) == ("marker", "Bag (", False)
+    assert (later["source"], later["track"]) == ("manual", pose["track"])
+    assert incoming.left_out == {"u-d-f": 1, "a-f-G": 1}
+    assert [*Incoming(own="mine.", newest={pose["track"]: EVENT.time_s}).records([EVENT])] == []
+
+
+class Interrupt:
+    """Ends what runs in this thread as Ctrl-C does, once a condition holds."""
+
+    def __init__(self, holds):
+        self._thread = threading.Thread(target=self._wait, args=(holds,))
+
+    def _wait(self, holds):
+        until = time.monotonic() + 60
+        try:
+            while not holds() and time.monotonic() < until:
+                time.sleep(0.05)
+        finally:
+            signal.raise_signal(signal.SIGINT)
+
+    def __enter__(self):
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._thread.join(90)
+
+
+def poses(library, mission):
+    """Times of the poses of each track."""
+    with closing(sqlite3.connect(library / ".library" / "library.db")) as database:
+        query = (
+            "select name, time_s from pose join track on track.id = track_id where mission_id = ? order by 2"
+        )
+        return database.execute(query, (mission,)).fetchall()
+
+
+def test_positions_of_a_server_become_tracks_and_a_lost_connection_is_made_again(expmap, tmp_path):
+    expmap("mission", "new", "Search")
+    later = replace(EVENT, time_s=EVENT.time_s + 9.0)
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+
+        def serve():
+            for data in (to_xml(EVENT) + b"<event>no</event>", to_xml(EVENT) + to_xml(later)):
+                client = listening.accept()[0]
+                assert b"t-x-c-t" in client.recv(4096)
+                client.sendall(data[:30])
+                time.sleep(0.2)
+                client.sendall(data[30:])
+                client.close()
+
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        address = f"tcp://127.0.0.1:{listening.getsockname()[1]}"
+        with Interrupt(lambda: len(poses(tmp_path / "library", 1)) == 2):
+            code, out, err = expmap("connect", "tak", "receive", 1, address)
+        thread.join(30)
+    assert (code, out) == (0, "stored 2 records in mission 1\nleft out: 1 of unreadable\n")
+    assert "the server closed the connection" in err and "connected again" in err
+    (name, first), (same, second) = poses(tmp_path / "library", 1)
+    assert (name, second - first) == (same, 9.0)
+
+
+def test_datagrams_of_a_group_are_received(expmap, tmp_path):
+    expmap("mission", "new", "Search")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    group = f"udp://239.2.3.1:{port}"
+
+    def stored():
+        with TakLink(group, protobuf=True, interface="127.0.0.1") as link:
+            link.send([EVENT])
+        return poses(tmp_path / "library", 1)
+
+    with Interrupt(stored):
+        code, out, _ = expmap("connect", "tak", "receive", 1, group, "--interface", "127.0.0.1")
+    assert (code, out) == (0, "stored 1 records in mission 1\n")
+
+
+def test_following_sends_what_is_new(search, expmap, tmp_path):
+    with Server() as server:
+
+        def moved():
+            if server.got.count(b"</event>") == 1:
+                (tmp_path / "more.gpx").write_text(GPX.replace("Rex", "Ben"))
+                subprocess.run([*EXPMAP, "mission", "import", "1", tmp_path / "more.gpx"], check=True)
+            return server.got.count(b"</event>") >= 2
+
+        with Interrupt(moved):
+            address = f"tcp://127.0.0.1:{server.port}"
+            code, out, _ = expmap("connect", "tak", "send", 1, address, "--follow", 0.2)
+    assert (code, out) == (0, f"sent 2 items to {address}\n")
+    first, second = server.got.split(b"</event>")[:2]
+    assert b"Rex" in first and b"Ben" in second
+
+
+def test_a_missing_mission_and_a_file_to_follow_are_refused(search, expmap, tmp_path):
+    code, _, err = expmap("connect", "tak", "receive", 9, "tcp://127.0.0.1:1")
+    assert (code, "mission not found" in err) == (1, True)
+    code, _, err = expmap("connect", "tak", "send", 1, tmp_path / "a.zip", "--follow", 1)
+    assert (code, "--follow needs an address" in err) == (2, True)

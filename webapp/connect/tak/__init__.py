@@ -2,6 +2,4 @@
 
 from webapp.connect import Registration
 
-CONNECTION = Registration(
-    "webapp.connect.tak.command:tak", "Send tracks and objects of MISSION to TAK, or write a data package."
-)
+CONNECTION = Registration("webapp.connect.tak.command:tak", "Send a mission to TAK, or receive one from it.")

@@ -8,7 +8,7 @@ import ssl
 from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 from urllib.parse import urlsplit
 
 from webapp.connect.tak.events import MESH_HEADER, CotEvent, to_protobuf, to_stream, to_xml
@@ -17,6 +17,7 @@ from webapp.errors import InputError, UsageError
 _PORTS = {"tcp": 8087, "tls": 8089, "udp": 6969}
 _TIMEOUT_S = 15.0
 _WHAT = "the address of a TAK server"
+_SENDING = "cannot send"
 
 
 class TakLink:
@@ -43,19 +44,17 @@ class TakLink:
         authority: Path | None = None,
         interface: str | None = None,
     ) -> None:
-        self._scheme, host, port = _parsed(address)
+        self._scheme, host, port = parsed(address, secured=bool(certificate or authority))
         self._address, self._protobuf = address, protobuf
-        if self._scheme != "tls" and (certificate or authority):
-            raise UsageError("certificates need TLS", where=address, hint="use tls://HOST:8089")
         try:
             if self._scheme == "udp":
                 self._socket = _datagrams(host, port, interface)
             else:
-                self._socket = socket.create_connection((host, port), timeout=_TIMEOUT_S)
-            if self._scheme == "tls":
-                self._socket = _secured(self._socket, host, certificate=certificate, authority=authority)
+                self._socket = open_stream(
+                    host, port, secured=self._scheme == "tls", certificate=certificate, authority=authority
+                )
         except OSError as error:
-            raise self._lost(error) from error
+            raise failure(error, what=_SENDING, address=address) from error
 
     def __enter__(self) -> Self:
         """Return the link itself."""
@@ -80,22 +79,32 @@ class TakLink:
             try:
                 self._socket.sendall(data)
             except OSError as error:
-                raise self._lost(error) from error
+                raise failure(error, what=_SENDING, address=self._address) from error
             count += 1
         return count
 
-    def _lost(self, error: OSError) -> InputError:
-        if isinstance(error, ssl.SSLError):
-            return InputError(
-                f"TLS failed: {error.reason or error}",
-                where=self._address,
-                hint="check --certificate, with its key, and --authority, which signed the server's",
-            )
-        reason = error.strerror or str(error) or "no answer"
-        return InputError(f"cannot send: {reason}", where=self._address, hint="is the TAK server running?")
+
+def failure(error: OSError, *, what: str, address: str) -> InputError:
+    """Return the error that says why a connection failed."""
+    if isinstance(error, ssl.SSLError):
+        return InputError(
+            f"TLS failed: {error.reason or error}",
+            where=address,
+            hint="check --certificate, with its key, and --authority, which signed the server's",
+        )
+    reason = error.strerror or str(error) or "no answer"
+    return InputError(f"{what}: {reason}", where=address, hint="is the TAK server running?")
 
 
-def _parsed(address: str) -> tuple[str, str, int]:
+def parsed(address: str, *, secured: bool) -> tuple[str, str, int]:
+    """Split an address into scheme, host and port.
+
+    Args:
+        secured: Whether certificates were given.
+
+    Raises:
+        UsageError: It is no such address, or the certificates are not for it.
+    """
     try:
         parts = urlsplit(address)
         scheme, host, port = parts.scheme, parts.hostname, parts.port
@@ -103,11 +112,26 @@ def _parsed(address: str) -> tuple[str, str, int]:
         scheme, host, port = "", None, None
     if scheme not in _PORTS or not host:
         raise UsageError(f"this is not {_WHAT}", where=address, hint="such as tls://tak.example.org:8089")
+    if secured and scheme != "tls":
+        raise UsageError("certificates need TLS", where=address, hint="use tls://HOST:8089")
     return scheme, host, port or _PORTS[scheme]
 
 
+def open_stream(
+    host: str, port: int, *, secured: bool, certificate: Path | None, authority: Path | None
+) -> socket.socket:
+    """Connect by TCP or TLS; raises OSError."""
+    plain = socket.create_connection((host, port), timeout=_TIMEOUT_S)
+    return _secured(plain, host, certificate=certificate, authority=authority) if secured else plain
+
+
+def datagram_address(host: str, port: int) -> tuple[int, int, int, str, tuple[Any, ...]]:
+    """Return what `socket.getaddrinfo` finds first for datagrams; raises OSError."""
+    return socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+
+
 def _datagrams(host: str, port: int, interface: str | None) -> socket.socket:
-    family, kind, _, _, found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+    family, kind, _, _, found = datagram_address(host, port)
     made = socket.socket(family, kind)
     try:
         if interface is not None and ipaddress.ip_address(found[0]).version == 4:

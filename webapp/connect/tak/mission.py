@@ -13,6 +13,7 @@ from webapp.core.geo.types import LatLon
 from webapp.core.landmarks.radii import RADIUS_OVER_SIGMA
 from webapp.files.exchange.xml import quoted
 from webapp.missions.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
+from webapp.missions.core.trajectory.records import Poses
 
 _HOW = {"gps": "m-g", "manual": "h-e"}
 """How the poses of a source were obtained; those of all others were computed."""
@@ -26,15 +27,16 @@ def mission_events(mission: MissionExport, *, key: str, now_s: float, keep_s: fl
         keep_s: How long TAK programs show an event after its time, seconds.
     """
     for track in mission.tracks:
-        yield _position(track, f"{key}.track-{track.id}", now_s=now_s, keep_s=keep_s)
+        *_, last = (None, *track.poses())
+        if last is not None:
+            uid = f"{key}track-{track.id}"
+            yield _position(track, last.take(slice(-1, None)), uid, now_s=now_s, keep_s=keep_s)
     for found in mission.objects():
         if found.state != "dismissed":
-            yield _object(found, f"{key}.object-{found.id}", now_s=now_s, keep_s=keep_s)
+            yield _object(found, f"{key}object-{found.id}", now_s=now_s, keep_s=keep_s)
 
 
-def _position(track: ExportTrack, uid: str, *, now_s: float, keep_s: float) -> CotEvent:
-    for part in track.poses():
-        last = part.take(slice(-1, None))
+def _position(track: ExportTrack, last: Poses, uid: str, *, now_s: float, keep_s: float) -> CotEvent:
     lat, lon = last.latlon[0].tolist()
     height, heading = float(last.height_m[0]), float(last.heading_deg[0])
     start_s = float(last.times_s[0]) if track.timed else now_s
