@@ -246,7 +246,7 @@ def values(client, library, full, owner, other, answers, mission, key):
     with library.database.read() as session:
         record = maps.find(session, full, account=owner)
     download = export_file.export_map_file(library, record.id, form="kmz", settings=Settings())
-    export_file.keep(library, full, download=download, look=export_file.look_of(library, record))
+    export_file.keep(library, full, download=download, blurring=export_file.blurring_of(library, record))
     browser, slug = other
     return {
         "slug": full,

@@ -1,4 +1,4 @@
-"""Verdict on an answer (certain, uncertain, not on the map, nothing to see), and the sentence that states it."""
+"""Verdict on an answer (certain, uncertain, not on the map, nothing to see), and its sentence."""
 
 from __future__ import annotations
 
