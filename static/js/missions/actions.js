@@ -67,7 +67,7 @@ async function fuse(store, server, refresh, odometry = null) {
     h("p", { class: "soft" }, t("Combines odometry, GPS and visual fixes into one corrected track; the other tracks stay as they are.")), bar,
   ]);
   try {
-    const { job } = await server.fuse();
+    const { job } = await server.fuse(odometry);
     await ended(server.job, job, bar.showJob);
     await refresh();
     toast(t("The corrected track is in place."));

@@ -7,7 +7,7 @@
 3. retrieve, verify, position: matching map photos, relative poses, positions (`core.localize`);
 4. calibrate: evidence becomes probabilities (`core.hypotheses.calibration`);
 5. prior: queries are likely near the map's photos and on the paths between them
-   (`core.hypotheses.path_prior`).
+   (`core.hypotheses.priors`).
 
 A *look* is stages 2 to 4 with one kind of features. If the answer of the first look is uncertain, method
 `auto` takes a second one, and combines both (`core.hypotheses.looks`).
