@@ -42,6 +42,14 @@ def test_the_map_is_found_and_others_are_named(client, sample, empty, queries):
     assert skipped["slug"] == empty and "image" in skipped["reason"]
 
 
+def test_which_map_is_being_searched_is_sent_as_an_event(client, sample, queries):
+    client.environ_base["HTTP_ACCEPT"] = "text/event-stream, application/json;q=0.5"
+    progress, answer = ask(client, queries / "query_02.jpg").get_data(as_text=True).split("\n\n")[:-1]
+    assert progress.startswith("event: progress\ndata: ")
+    assert json.loads(progress.split("data: ")[1]) == {"map": "Sample", "done": 0, "total": 1}
+    assert json.loads(answer.removeprefix("event: answer\ndata: "))["maps"][0]["slug"] == "sample"
+
+
 def test_why_a_map_was_not_searched_is_in_the_language_of_the_page(client, empty, queries):
     photo = (queries / "query_02.jpg").read_bytes()
     form = {"file": (io.BytesIO(photo), "query_02.jpg")}
