@@ -99,9 +99,9 @@ picture of a photo; `gone`: status 404.
 
 WITHOUT_PHOTOS = {
     "images of maps and tiles": (
-        "api_satellite.get_image api_satellite.get_thumbnail api_satellite.get_tile api_satellite.service_tile "
-        "api_shared.image api_shared.tile api_shared.floor_image api_shared_missions.image "
-        "api_shared_missions.tile"
+        "api_satellite.get_image api_satellite.get_thumbnail api_satellite.get_tile "
+        "api_satellite.service_tile api_floors.image api_shared.image api_shared.tile api_shared.floor_image "
+        "api_shared_missions.image api_shared_missions.tile"
     ),
     "map files and tables": (
         "api_exchange.cfg api_exchange.placement_cfg api_plan.walk api_queries.export "
