@@ -129,7 +129,7 @@ class Look:
             found = find_by_landmarks(indexed, features, fov_deg=fov_deg, aligned=opened.landmarks, hide=hide)
         else:
             depths = self._depths_without(hide) if hide else None
-            found = find_places(indexed, features, fov_deg=fov_deg, hide=hide, closer=include, depths=depths)
+            found = find_places(indexed, features, fov_deg=fov_deg, hide=hide, include=include, depths=depths)
         calibration = self.calibration.calibration if self.calibration else DEFAULT
         answer = with_probabilities(indexed, found, calibration=calibration, top=_ALL)
         answer = replace(to_experiences(answer, opened), fov=photo.fov)
