@@ -5,6 +5,7 @@ import re
 import pytest
 from playwright.sync_api import expect
 
+from benchmarks.page_loads import NEXT_PHOTO_MS
 from tests.browser import axe
 from tests.browser.polling import until
 
@@ -126,25 +127,5 @@ def test_a_swipe_goes_to_the_next_photo(open_context, owner, sample_map):
 
 def test_photo_to_photo_is_quick_once_it_is_loaded_ahead(view):
     view.wait_for_load_state("networkidle")
-    times = view.evaluate(SECONDS_TO_NEXT)
+    times = view.evaluate(NEXT_PHOTO_MS, {"key": "ArrowRight", "count": 5, "large": True})
     assert sorted(times)[len(times) // 2] < 100, times
-
-
-SECONDS_TO_NEXT = """
-async () => {
-  const image = document.getElementById("photo-image");
-  const wanted = () => `/${document.querySelector("#strip [aria-selected=true]").dataset.id}/preview`;
-  const times = [];
-  for (let n = 0; n < 5; n += 1) {
-    const start = performance.now();
-    document.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowRight", bubbles: true }));
-    while (!image.currentSrc.includes(wanted()) || !image.complete) await new Promise(requestAnimationFrame);
-    await image.decode();
-    await new Promise(requestAnimationFrame);
-    times.push(performance.now() - start);
-    await new Promise((resolve) => setTimeout(resolve, 600));
-  }
-  return times;
-}
-"""
-"""Milliseconds from a key to the large picture of the next photo."""
