@@ -58,9 +58,10 @@ def test_an_arrow_leads_to_its_photo_and_back_returns(view):
 
 
 def test_a_link_opens_its_photo(page, sample_map, api):
-    wanted = api.state(sample_map)["photos"][5]
+    wanted = api.state(sample_map)["photos"][40]
     page.goto(f"/maps/{sample_map}/view?photo={wanted['id']}")
     expect(page.locator("#photo-name")).to_have_text(wanted["name"])
+    expect(page.get_by_test_id("strip").get_by_role("option", selected=True)).to_be_in_viewport()
 
 
 def test_the_photo_fills_the_screen_by_a_key(view):
