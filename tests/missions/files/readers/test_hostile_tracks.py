@@ -159,8 +159,7 @@ def test_very_many_positions_at_one_time_take_no_time(saved):
 
 def test_a_solution_with_very_wide_headers_takes_no_time(saved):
     header = "% GPST latitude(deg) longitude(deg) height(m) Q " + "a " * 30_000
-    with pytest.raises(TrackError):
-        read(saved("a.pos", "\n".join([header] * 100).encode()))
+    assert read(saved("a.pos", "\n".join([header] * 100).encode())) == []
 
 
 def test_a_table_in_a_code_page_with_very_wide_headers_takes_no_time(saved):
