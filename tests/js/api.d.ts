@@ -2035,6 +2035,8 @@ export interface components {
             query: number | null;
         };
         ShareList: {
+            /** @description Whether the map has landmarks, which a share can include. */
+            in_3d?: boolean;
             shares?: components["schemas"]["ShareOut"][];
         };
         ShareOut: {

@@ -119,7 +119,11 @@ def open_image(source: Path | bytes, *, limits: PhotoLimits) -> Iterator[Image.I
         except Image.DecompressionBombError as error:
             raise PhotoError("it has far too many pixels", where=where) from error
         except OSError as error:
-            raise PhotoError(f"it cannot be read: {error.strerror or error}", where=where) from error
+            if error.strerror is None:  # of the decoder, not of the disk
+                raise PhotoError(
+                    "the file is damaged, or its end is missing", where=where, hint="copy or send it again"
+                ) from error
+            raise PhotoError(f"it cannot be read: {error.strerror}", where=where) from error
         except DAMAGED as error:
             raise PhotoError(f"it is damaged: {error}", where=where) from error
 

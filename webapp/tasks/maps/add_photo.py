@@ -13,9 +13,9 @@ from webapp.core.geo.types import LatLon
 from webapp.core.mapmodel.model import PhotoSource
 from webapp.core.mapmodel.panorama import Panorama
 from webapp.errors import NotFound
+from webapp.files import contents
 from webapp.files.decode import contrast_note
 from webapp.files.maps.facts import panorama_fields, source_fields
-from webapp.files.object_storage import storage
 from webapp.files.part_file import sha256_of, show_file_as
 from webapp.files.photos import preview
 from webapp.files.photos.exif_gps import ABSENT, Gps
@@ -123,7 +123,7 @@ def add_photo(
         previews = preview.make_previews(source, limits=settings.photo)
         is_map = _is_of_no_camera(facts) and is_georeferenced_tiff(source, limits=settings.satellite)
     sha256 = sha256_of(source)
-    stored = storage.store(source)  # before the transaction, which blocks other writers
+    stored = contents.store(source)  # before the transaction, which blocks other writers
     with (changing or library.changing)(map_id) as change:
         session, record = change.session, change.record
         if record.binned_at is not None:
