@@ -59,7 +59,7 @@ _FIRST_YEAR = 1990
 _APART_M = 30.0
 """The positions of sentences of other kinds, at one time, are those of one receiver up to this distance."""
 
-_LEAST_TOGETHER, _TOGETHER = 2, 0.2
+_LEAST_TOGETHER, _TOGETHER = 2, 0.1
 """Least number and share of times at which several receivers have positions."""
 
 _MOST_RECEIVERS = 4
@@ -252,13 +252,13 @@ class _Fix:
     def place(self) -> LatLon | None:
         return None if math.isnan(self.lat) else LatLon(self.lat, self.lon)
 
-    def take(self, other: _Sentence | _Fix) -> None:
-        """Merge a sentence, or another fix."""
-        self.bad = self.bad or other.bad
+    def take(self, sentence: _Sentence) -> None:
+        """Merge a sentence."""
+        self.bad = self.bad or sentence.bad
         for name in ("lat", "lon", "height_m", "heading_deg", "var_e", "var_n"):
-            if not math.isnan(value := getattr(other, name)):
+            if not math.isnan(value := getattr(sentence, name)):
                 setattr(self, name, value)
-        self.kinds |= other.kinds if isinstance(other, _Fix) else {other.kind: other.place}
+        self.kinds[sentence.kind] = sentence.place
 
     def off_m(self, sentence: _Sentence) -> float:
         """Return how far it is from a sentence; infinite if it has such a sentence with another position."""
@@ -332,7 +332,7 @@ class _Crowd:
             if len(places) > 1 and len(places) == len(self.before):
                 self.all_m += sum(_apart_m(*pair) for pair in pairwise([self.before[-1], *places]))
                 self.each_m += sum(map(_apart_m, self.before, places)) / len(places)
-            self.before = places
+            self.before = places if len(places) > 1 else self.before
 
     def receivers(self) -> int:
         self.count(self.epochs.closed(all=True))
@@ -536,11 +536,8 @@ class _Log:
             return
         placed = sum(fix.place is not None for fix in fixes) + sum(fix.replaced for fix in fixes)
         findings.skip(_SAME_TIME, where=where, count=max(placed - len(self.receivers), 0))
-        if len(self.receivers) == 1 and fixes:
-            one = _Fix(fixes[0].clock)
-            for fix in fixes:
-                one.take(fix)
-            fixes = [one]
+        if len(self.receivers) == 1:
+            fixes = fixes[:1]
         for fix in [fix for fix in fixes if fix.bad or fix.place is None]:
             findings.skip(fix.bad or "times without a position", where=where)
         yield from [fix for fix in fixes if not fix.bad and fix.place is not None][: len(self.receivers)]
