@@ -458,3 +458,23 @@ def test_nothing_to_stumble_over(open_context, owner, look, mission, send):
         assert axe.findings(page) == []
         assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
         assert page.locator("h1").count() == 1
+
+
+def test_a_fusion_that_failed_is_still_shown_after_a_reload_until_it_is_dismissed(page, api, mission, send):
+    send(*(pose(n) for n in range(20)))
+    failed = {"state": "failed", "kind": "mission-fuse", "error": {"message": "too few fixes", "hint": None}}
+
+    def with_job(route):
+        answer = route.fetch()
+        route.fulfill(response=answer, body=answer.text().replace('"fusion": null', '"fusion": 987654'))
+
+    page.route(f"**/missions/{mission}", with_job)
+    page.route("**/api/v1/jobs/987654", lambda route: route.fulfill(json={"id": 987654, **failed}))
+    page.goto(f"/missions/{mission}")
+    message = page.locator("#panel").get_by_test_id("error-message")
+    expect(message).to_contain_text("Too few fixes")
+    assert axe.findings(page) == []
+    message.get_by_role("button", name="Dismiss").click()
+    page.reload()
+    expect(page.locator("#tracks")).not_to_be_empty()
+    expect(message).to_have_count(0)
