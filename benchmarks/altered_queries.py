@@ -1,9 +1,10 @@
-"""Measures answers to altered queries: bars as in screenshots, crops, dim, blurred, rotated.
+"""Measures answers to altered queries: bars as in screenshots, crops, wrong EXIF, dim, blurred, rotated.
 
 An answer is honest if its first place is within the place radius, if its 95 % circle (twice the stated 68 %
 radius) contains the truth, or if its probability is below one half. The share of honest answers should be
-above 0.95 for each alteration. Altered photos have no EXIF: --fov gives the field of view of the queries as
-they are, from which that of crops and stretched ones follows; without it, it is guessed for all.
+above 0.95 for each alteration. Altered photos have no EXIF, but for those with a wrong focal length in it:
+--fov gives the field of view of the queries as they are, from which that of crops follows and by which focal
+lengths are wrong; without it, it is guessed for all.
 
     python -m benchmarks.altered_queries MAP.cfg QUERIES.csv [--limit N] [--index FOLDER] [--fov DEGREES]
         [--method NAME] [--json OUT]
@@ -22,12 +23,14 @@ from typing import Any
 
 import cv2
 import numpy as np
+from PIL import Image
 
 from benchmarks.figures import percentile, plain, ratio, table
 from benchmarks.worse_photos import NOISE, Photo, dimmed, rotated
 from webapp.configuration import load_settings
 from webapp.core.hypotheses.model import Answer
 from webapp.core.hypotheses.verdict import verdict_of
+from webapp.core.retrieval.fields_of_view import guessed_fov_deg
 from webapp.files.localize import queries_csv
 from webapp.progress import Progress
 from webapp.tasks.localize.open_pipeline import open_pipeline
@@ -35,14 +38,20 @@ from webapp.tasks.localize.pipeline import LocalizationPipeline
 from webapp.tasks.localize.plan import OpenOptions
 
 _SURE = 0.5
+_QUALITY = 95
+_EXIF, _FOCAL_35MM = 0x8769, 0xA405
+"""Tags of EXIF."""
+_DIAGONAL_35MM = math.hypot(36.0, 24.0)
+"""Diagonal of 35 mm film, mm."""
 
 
 @dataclass(frozen=True, slots=True)
 class Alteration:
-    """A change of a photo, and the share of its width that remains in view."""
+    """A change of a photo, the share of its width that remains in view, and what its EXIF states."""
 
     change: Callable[[Photo], Photo]
     seen: float = 1.0
+    focal: float | None = None  # The focal length in EXIF over the true one; None: no EXIF
 
 
 def with_bars(photo: Photo) -> Photo:
@@ -54,6 +63,15 @@ def with_bars(photo: Photo) -> Photo:
     if more:
         cv2.putText(shot, "12:34", (width // 20, more // 8 + 8), cv2.FONT_HERSHEY_SIMPLEX, size, (240,) * 3)
     return np.asarray(shot, np.uint8)
+
+
+def write_photo(path: Path, photo: Photo, *, focal_px: float | None) -> None:
+    """Write a photo without loss that matters, with a focal length in EXIF if one is given."""
+    exif = Image.Exif()
+    if focal_px is not None:
+        height, width = photo.shape[:2]
+        exif.get_ifd(_EXIF)[_FOCAL_35MM] = round(focal_px * _DIAGONAL_35MM / math.hypot(width, height))
+    Image.fromarray(photo[:, :, ::-1]).save(path, quality=_QUALITY, subsampling=0, exif=exif)
 
 
 def cropped(photo: Photo, share: float) -> Photo:
@@ -68,6 +86,8 @@ ALTERATIONS: Mapping[str, Alteration] = {
     "bars of a screenshot": Alteration(with_bars),
     "cropped to 70 %": Alteration(lambda photo: cropped(photo, 0.7), seen=0.7),
     "cropped to 50 %": Alteration(lambda photo: cropped(photo, 0.5), seen=0.5),
+    "EXIF of half the focal length": Alteration(lambda photo: photo, focal=0.5),
+    "EXIF of twice the focal length": Alteration(lambda photo: photo, focal=2.0),
     "a twentieth of the light": Alteration(lambda photo: dimmed(photo, 0.05, NOISE)),
     "blurred by 2.5 px": Alteration(lambda photo: np.asarray(cv2.GaussianBlur(photo, (0, 0), 2.5), np.uint8)),
     "rotated by 20 degrees": Alteration(lambda photo: rotated(photo, 20.0)),
@@ -92,8 +112,11 @@ def main() -> None:
     queries = queries_csv.select(queries_csv.read(arguments.queries), arguments.limit)
     rows = []
     for name, alteration in ALTERATIONS.items():
-        for fov_deg in [None] if arguments.fov is None else [None, _seen(arguments.fov, alteration.seen)]:
-            found = _measured(pipeline, queries, alteration, fov_deg=fov_deg)
+        given: list[float | None] = [None]
+        if arguments.fov is not None and alteration.focal is None:
+            given.append(_seen(arguments.fov, alteration.seen))
+        for fov_deg in given:
+            found = _measured(pipeline, queries, alteration, fov_deg=fov_deg, true_fov_deg=arguments.fov)
             rows.append({"name": name + ("" if fov_deg is None else ", field of view given"), **found})
     print(table(f"altered queries, place radius {pipeline.place_radius_px:.0f} px", COLUMNS, rows))
     if arguments.json:
@@ -118,8 +141,20 @@ def _seen(fov_deg: float, share: float) -> float:
     return math.degrees(2.0 * math.atan(share * math.tan(math.radians(fov_deg) / 2.0)))
 
 
+def _focal_px(photo: Photo, fov_deg: float | None) -> float:
+    """Return the focal length of a photo with a field of view; guessed without one."""
+    height, width = photo.shape[:2]
+    fov_deg = guessed_fov_deg(width, height) if fov_deg is None else fov_deg
+    return float(width / 2.0 / math.tan(math.radians(fov_deg) / 2.0))
+
+
 def _measured(
-    pipeline: LocalizationPipeline, queries: Sequence[Any], alteration: Alteration, *, fov_deg: float | None
+    pipeline: LocalizationPipeline,
+    queries: Sequence[Any],
+    alteration: Alteration,
+    *,
+    fov_deg: float | None,
+    true_fov_deg: float | None,
 ) -> dict[str, Any]:
     errors, sure_and_wrong, honest, blank = [], 0, 0, 0
     with tempfile.TemporaryDirectory() as scratch:
@@ -127,8 +162,10 @@ def _measured(
             photo = cv2.imread(str(query.path), cv2.IMREAD_COLOR)
             if photo is None:
                 raise SystemExit(f"{query.path} cannot be read")
-            path = Path(scratch) / "query.png"
-            cv2.imwrite(str(path), alteration.change(np.asarray(photo, np.uint8)))
+            path = Path(scratch) / "query.jpg"
+            altered = alteration.change(np.asarray(photo, np.uint8))
+            focal = alteration.focal and alteration.focal * _focal_px(altered, true_fov_deg)
+            write_photo(path, altered, focal_px=focal)
             with_fov = LocalizationPipeline(pipeline.method, pipeline.looks, pipeline.both, fov_deg)
             answer = with_fov.localize(path, top=5)
             error = math.inf

@@ -15,7 +15,8 @@ Columns, for each map, features and method:
   share of the queries that were refused though their first hypothesis was right;
 - foreign: share of the --foreign photos that got a place with a probability of at least 0.5; "off": their
   median probability of "not on this map";
-- ms: median time of a query; MB: peak of the process; build s, calibrate s.
+- ms, mean, p95: median, mean and 95th percentile of the time of a query; MB: peak of the process; build s,
+  calibrate s.
 
 --baseline is another program with the interface described in `benchmarks.side_by_side`, such as
 `benchmarks/peer_colmap.py`. --options adds options of `expmap evaluate` to the methods: measured once with
@@ -32,7 +33,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from benchmarks.figures import plain, ratio, refused_though_right, strangers, table
+from benchmarks.figures import mean_seconds, plain, ratio, refused_though_right, strangers, table
 from benchmarks.processes import ProgramFailed, run
 from benchmarks.side_by_side import MISSING_PART, SOME_FAILED, photos_in
 
@@ -52,6 +53,8 @@ COLUMNS = {
     "foreign": plain("foreign_share"),
     "off": plain("foreign_off_map_p50", 2),
     "ms": plain("seconds_per_query_p50", 0, times=1e3),
+    "mean": plain("seconds_per_query_mean", 0, times=1e3),
+    "p95": plain("seconds_per_query_p95", 0, times=1e3),
     "MB": plain("peak_rss_mb", 0),
     "build s": plain("build_seconds", 0),
     "calibrate s": plain("calibration_seconds", 0),
@@ -110,6 +113,7 @@ def _measure(
         queries = row.pop("per_query", [])
         errors = [query["error_px"] for query in queries]
         row["refused_though_right"] = refused_though_right(queries, right_px) if "abstained" in row else None
+        row["seconds_per_query_mean"] = mean_seconds(queries)
         row["right"] = ratio(sum(e is not None and e <= right_px for e in errors), len(errors))
         row["refused"] = ratio(row["abstained"], row["queries"]) if "abstained" in row else None
     votes = {row["features"]: row["right"] for row in found if row["method"] == "vote"}

@@ -88,6 +88,12 @@ def refused_though_right(queries: Sequence[Mapping[str, Any]], right_px: float) 
     return ratio(refused, len(queries))
 
 
+def mean_seconds(queries: Sequence[Mapping[str, Any]]) -> float | None:
+    """Return the mean time of a query; None without any that could be read."""
+    times = [query["answer"]["seconds"]["total"] for query in queries if "seconds" in query["answer"]]
+    return ratio(sum(times), len(times))
+
+
 def per_photo_kb(peak_mb: float, one_photo_mb: float, *, photos: int) -> float:
     """Return the memory per map photo, 1000 bytes: the peak minus that with a map of one photo."""
     return (peak_mb - one_photo_mb) * 2**20 / 1000.0 / photos

@@ -5,6 +5,8 @@ import pytest
 
 from benchmarks import altered_queries
 from webapp.core.features.bars import Inside, inside_bars
+from webapp.files.photos.photo import read_facts
+from webapp.settings import PhotoLimits
 
 
 @pytest.fixture
@@ -24,6 +26,17 @@ def test_crops_keep_the_middle_and_the_focal_length(photo):
     half = altered_queries.cropped(photo, 0.5)
     assert (half == photo[22:68, 40:120]).all()
     assert altered_queries._seen(90.0, 0.5) == pytest.approx(53.13, abs=0.01)
+
+
+def test_exif_states_the_focal_length_that_is_asked_for(photo, tmp_path):
+    focal_px = altered_queries._focal_px(photo, 60.0)
+    altered_queries.write_photo(tmp_path / "a.jpg", photo, focal_px=2.0 * focal_px)
+    altered_queries.write_photo(tmp_path / "b.jpg", photo, focal_px=None)
+    stated = [read_facts(tmp_path / f"{name}.jpg", limits=PhotoLimits()).fov_deg for name in "ab"]
+    assert stated == [
+        pytest.approx(2.0 * np.degrees(np.arctan(np.tan(np.radians(30.0)) / 2.0)), abs=0.5),
+        None,
+    ]
 
 
 def test_each_alteration_gives_a_photo(photo):

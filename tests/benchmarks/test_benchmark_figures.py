@@ -57,6 +57,12 @@ def test_refused_though_right_needs_both():
     assert figures.refused_though_right([], 10.0) is None
 
 
+def test_the_mean_time_is_of_photos_that_could_be_read():
+    queries = [{"answer": answer(total=0.2)}, {"answer": answer(total=1.0)}, {"answer": {"error": "damaged"}}]
+    assert figures.mean_seconds(queries) == pytest.approx(0.6)
+    assert figures.mean_seconds(queries[2:]) is None
+
+
 def test_none_of_many_strangers_has_an_interval_from_zero():
     low, high = figures.wilson(0, 229)
     assert low == pytest.approx(0.0, abs=1e-12)

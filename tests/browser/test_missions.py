@@ -478,3 +478,25 @@ def test_a_fusion_that_failed_is_still_shown_after_a_reload_until_it_is_dismisse
     page.reload()
     expect(page.locator("#tracks")).not_to_be_empty()
     expect(message).to_have_count(0)
+
+
+def test_fusion_asks_which_of_several_odometries_is_meant(page, api, mission, send):
+    """The chosen one is corrected, not the longest."""
+    moving = [pose(n) for n in range(20)]
+    for name, step in (("wheels", 1e-5), ("visual", 2e-5)):
+        send(
+            *(
+                {**one, "source": "odometry", "track": name, "lon": PLACE[1] + n * step}
+                for n, one in enumerate(moving)
+            )
+        )
+    send(*moving)
+    page.goto(f"/missions/{mission}")
+    page.locator('[data-does="fuse"]').first.click()
+    dialog = page.get_by_role("dialog", name="Which odometry?")
+    options = dialog.get_by_role("option")
+    expect(options).to_have_count(2)
+    dialog.get_by_role("combobox").select_option(label=options.filter(has_text="wheels").inner_text())
+    dialog.get_by_role("button", name="Correct").click()
+    expect(page.get_by_text("The corrected track is in place.")).to_be_visible(timeout=WORK_MS)
+    assert api.ask("GET", f"/missions/{mission}/fusion")["odometry_name"] == "wheels"

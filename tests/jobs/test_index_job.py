@@ -4,6 +4,7 @@ import json
 import threading
 import time
 from dataclasses import replace
+from datetime import timedelta
 
 import pytest
 
@@ -11,9 +12,11 @@ from webapp.app.registry import REGISTRY
 from webapp.errors import ClusterUnavailable
 from webapp.jobs.worker import Worker
 from webapp.settings import ExtractSettings
+from webapp.store import queries
 from webapp.store.accounts import accounts
-from webapp.store.schema import MapRecord
+from webapp.store.schema import MapRecord, Photo, QueryRecord
 from webapp.tasks.computing.cluster import DaskPool
+from webapp.tasks.localize import calibrate
 from webapp.tasks.maps import adopt_map
 
 
@@ -42,6 +45,46 @@ def test_index(library, quick, queue, seen, row):
     again = queue("index", map_id=row)
     Worker(library, quick, registry=REGISTRY).run(once=True)
     assert seen(again)["result"]["computed"] == 0
+
+
+def calibrated(library, quick, queue, row):
+    """Run the job; number of real queries in the calibration."""
+    queue("index", map_id=row)
+    Worker(library, quick, registry=REGISTRY).run(once=True)
+    return calibrate.calibrated_on(library.cfg("row")).real
+
+
+def test_photos_added_from_answers_are_real_queries(library, quick, queue, row):
+    assert calibrated(library, quick, queue, row) == 0
+    fields = {"width": 4, "height": 3, "options": {}, "answer": {}, "evidence": []}
+    with library.database.write() as session:
+        record = session.get(MapRecord, row)
+        before = session.get_one(Photo, (row, 2)).uploaded_at - timedelta(seconds=5)
+        session.get_one(Photo, (row, 0)).uploaded_at = before
+        for number in range(5):
+            adopted_id = {1: 2, 2: 3}.get(number)
+            asked = QueryRecord(
+                name="a.jpg", file=f"{number}.jpg", at=before, adopted_id=adopted_id, **fields
+            )
+            forgotten = queries.add(session, record, row=asked, most=1)
+            assert all(old.adopted_id is None for old in forgotten)
+        session.get_one(Photo, (row, 3)).x_px = None  # back in the tray
+        assert queries.adopted(session, record) == [(2, 0)]
+        session.get_one(Photo, (row, 0)).uploaded_at = before - timedelta(seconds=5)
+        session.get_one(Photo, (row, 1)).uploaded_at = before - timedelta(seconds=5)
+        assert queries.adopted(session, record) == [(2, 2)]
+        session.get_one(Photo, (row, 3)).x_px = 5.0
+    assert calibrated(library, quick, queue, row) == 2
+    with library.database.write() as session:
+        session.get(MapRecord, row).uses_adopted = False
+    assert calibrated(library, quick, queue, row) == 0
+
+
+def test_a_list_of_real_queries_counts_in_the_job(library, quick, queue, row):
+    cfg = library.cfg("row")
+    _, photo, x, y = cfg.read_text().splitlines()[1].split(";")[:4]
+    cfg.with_name("map.queries.csv").write_text(f"path;x;y\n{photo};{x};{y}\n")
+    assert calibrated(library, quick, queue, row) == 1
 
 
 def test_index_of_a_method_with_a_network(library, quick, queue, seen, row, shared_models):

@@ -7,12 +7,15 @@ from typing import Any
 
 from webapp.core.geo.tilegrid import GeoBox
 from webapp.errors import NotFound
+from webapp.files.localize import adopted
+from webapp.files.localize.adopted import AdoptedPhoto
 from webapp.files.localize.blur_networks import blur_networks
 from webapp.files.localize.global_model import usable_global_descriptor
 from webapp.files.maps.folder import read_map
 from webapp.jobs.context import Context
 from webapp.render import export_file
 from webapp.settings import Settings
+from webapp.store import queries
 from webapp.store.maps import maps
 from webapp.store.maps.blurred import boxes_of
 from webapp.tasks.blur.accept import accept_in_library
@@ -51,7 +54,8 @@ _NAMED = 100
 def build_map_index(context: Context) -> dict[str, Any]:
     """Build a map's index and calibration, as `expmap build` does; after an interruption it continues.
 
-    The arguments `features` and `method` override the defaults of the library.
+    Photos that were added from answers are among the real queries. The arguments `features` and `method`
+    override the defaults of the library.
     """
     library, record, asked = context.library, context.map(), context.arguments
     options = OpenOptions(asked.get("method", "auto"), asked.get("features") or "auto")
@@ -59,6 +63,8 @@ def build_map_index(context: Context) -> dict[str, Any]:
     export.export_map(library, record.id)
     with library.database.read() as session:
         _, placed = maps.counts(session, record)
+        photos = [AdoptedPhoto(*known) for known in queries.adopted(session, record)]
+    adopted.write(library.cfg(record.slug), photos)
     context.progress.plan(*_stages(plan, placed, settings=context.settings))
     context.progress.note("describing photos")
     report = build_map.build_map(

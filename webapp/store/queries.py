@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from statistics import median
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound
 from webapp.store.library import Library
-from webapp.store.schema import Account, MapRecord, QueryRecord, Share
+from webapp.store.schema import Account, MapRecord, Photo, QueryRecord, Share
 
 _USUAL, _LEAST_USUAL = 25, 3
 """How many of the last answers the usual time is taken from, at most and at least."""
@@ -26,17 +26,20 @@ def add(session: Session, record: MapRecord, *, row: QueryRecord, most: int) -> 
 
     Args:
         row: Without map and id.
-        most: Number of unshared answers that the map keeps.
+        most: Number of answers that the map keeps, besides those in the next line.
 
     Returns:
-        Older answers, now deleted; the caller can delete their files. Shared answers are kept.
+        Older answers, now deleted; the caller can delete their files. Shared answers are kept, and those
+            whose photo is on the map.
     """
     row.map_id = record.id
     session.add(row)
     session.flush()
     shared = select(Share.query_id).where(Share.map_id == record.id, Share.query_id.is_not(None))
-    unshared = select(QueryRecord).where(QueryRecord.map_id == record.id, QueryRecord.id.not_in(shared))
-    newest_first = unshared.order_by(QueryRecord.id.desc())
+    passing = (QueryRecord.adopted_id.is_(None), QueryRecord.id.not_in(shared))
+    newest_first = (
+        select(QueryRecord).where(QueryRecord.map_id == record.id, *passing).order_by(QueryRecord.id.desc())
+    )
     old = list(session.scalars(newest_first.offset(most)))
     for forgotten in old:
         session.delete(forgotten)
@@ -100,6 +103,25 @@ def answers(
     if account_id is not None:
         found = found.where(QueryRecord.account_id == account_id)
     return list(session.scalars(found.order_by(QueryRecord.id)))
+
+
+def adopted(session: Session, record: MapRecord) -> list[tuple[int, int]]:
+    """List the photos on a map that were queries before; none if the map does not use them.
+
+    Returns:
+        By id; with each, the id from which on photos were added after the answer.
+    """
+    if not record.uses_adopted:
+        return []
+    newer = select(func.min(Photo.id)).where(Photo.map_id == record.id, Photo.uploaded_at >= QueryRecord.at)
+    placed = (Photo.map_id == record.id, Photo.x_px.is_not(None), ~Photo.removed)
+    found = session.execute(
+        select(Photo.id, newer.correlate(QueryRecord).scalar_subquery())
+        .join(QueryRecord, QueryRecord.adopted_id == Photo.id)
+        .where(QueryRecord.map_id == record.id, *placed)
+        .order_by(Photo.id, QueryRecord.id.desc())
+    )
+    return [*{id: (id, record.next_id if newer is None else newer) for id, newer in found}.values()]
 
 
 def names(session: Session, rows: list[QueryRecord]) -> dict[int, str]:

@@ -6,7 +6,7 @@ import secrets
 from datetime import datetime
 from typing import Any, ClassVar
 
-from sqlalchemy import JSON, ForeignKey, Index, MetaData, UniqueConstraint, false, text
+from sqlalchemy import JSON, ForeignKey, Index, MetaData, UniqueConstraint, false, text, true
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
 from webapp.store.clock import UtcDateTime, now
@@ -180,6 +180,8 @@ class MapRecord(Base):
     """Revision that last changed the image or its georeference."""
     photos_revision: Mapped[int] = mapped_column(default=0)
     """Revision that last changed the set of placed photos, one of their files, or a panorama."""
+    uses_adopted: Mapped[bool] = mapped_column(default=True, server_default=true())
+    """Whether photos that were added from answers are real queries when probabilities are calibrated."""
 
     exported_revision: Mapped[int] = mapped_column(default=-1)
     """Revision of `map.cfg` and `map.json` on disk."""

@@ -7,7 +7,10 @@ import pytest
 from tests.opening import open_first_look
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.calibration import DEFAULT
+from webapp.core.localize.verified import find_places
+from webapp.files.localize import adopted
 from webapp.files.localize import calibration as calibrationfile
+from webapp.files.localize.adopted import AdoptedPhoto
 from webapp.files.maps.folder import read_map, write_map
 from webapp.progress import Progress
 from webapp.settings import Settings
@@ -99,3 +102,30 @@ def test_a_newer_format_of_calibrations_takes_the_trials_that_there_are(cfg, mon
     monkeypatch.setattr(trials, "_try", lambda *a, **k: pytest.fail("tried again"))
     again = calibrate.calibrate_map(opened, progress=Progress())
     assert again.calibration == first.calibration
+
+
+def test_adopted_photos_repeat_it_when_many_more_are_known(cfg, made, monkeypatch):
+    monkeypatch.setattr(trials.TriedMap, "attempt_adopted", lambda tried, photo: None)
+    counts = []
+    for known in (0, 1, 2, 3, 4, 0):
+        cfg.parent.joinpath("derived").mkdir(exist_ok=True)
+        adopted.write(cfg, [AdoptedPhoto(id, id) for id in range(known)])
+        open_and_calibrate(cfg)
+        counts.append(len(made))
+    assert counts == [1, 2, 3, 3, 4, 5]
+
+
+def test_an_adopted_photo_is_tried_on_the_map_as_it_was(cfg):
+    opened = open_first_look(cfg, OpenOptions(features="orb"), settings=Settings(), progress=Progress())
+    hidden = []
+
+    def find(features, *, fov_deg, hide):
+        hidden.append(hide)
+        return find_places(opened.indexed, features, fov_deg=fov_deg, hide=hide)
+
+    tried = trials.TriedMap(opened.indexed, find=find)
+    record = tried.attempt_adopted(AdoptedPhoto(3, 9))
+    assert hidden == [[3, 9, 10, 11]]
+    assert trials.Trial.from_record(record).hidden == "later"
+    assert tried.attempt_adopted(AdoptedPhoto(99, 9)) is None, "it is not in the index"
+    assert tried.attempt_adopted(AdoptedPhoto(0, 0)) is None, "nothing remains"

@@ -8,9 +8,10 @@ from PIL import Image
 
 from tests.standin_models import write_aliked
 from webapp.core.hypotheses import looks
+from webapp.files.photos import photo as photo_files
 from webapp.progress import Progress
 from webapp.tasks.evaluation.measure import with_hidden_photos
-from webapp.tasks.localize import build_map, cascade, trials
+from webapp.tasks.localize import build_map, cascade, query_photo, trials
 from webapp.tasks.localize.open_pipeline import open_pipeline
 from webapp.tasks.localize.pipeline import Look
 from webapp.tasks.localize.plan import OpenOptions
@@ -69,6 +70,15 @@ def test_the_first_look_is_reported_before_the_second(cfg, with_models, monkeypa
     assert len(first) == 1
 
 
+def test_both_looks_decode_a_photo_once(cfg, with_models, monkeypatch):
+    pipeline, read = open_auto(cfg, with_models), []
+    monkeypatch.setattr(looks, "CERTAIN", 1.1)
+    decode = photo_files.read_gray
+    monkeypatch.setattr(query_photo, "read_gray", lambda *a, **k: read.append(a) or decode(*a, **k))
+    assert ask(pipeline, cfg).looks == ("sift", "aliked")
+    assert len(read) == 1
+
+
 def test_the_network_matches_the_best_photos_only(cfg, with_models):
     pipeline = open_auto(cfg, with_models)
     indexed = pipeline.looks[1].opened.indexed
@@ -92,8 +102,8 @@ def test_without_a_budget_there_is_one_look(cfg, with_models):
 def test_a_busy_machine_during_the_calibration_does_not_cost_the_second_look(cfg, with_models, monkeypatch):
     looked_for = trials._try
 
-    def slowly(indexed, photo, sightings, **options):
-        done = looked_for(indexed, photo, sightings, **options)
+    def slowly(tried, photo, **options):
+        done = looked_for(tried, photo, **options)
         return done if photo < 2 else replace(done, seconds=60.0)
 
     monkeypatch.setattr(trials, "_try", slowly)

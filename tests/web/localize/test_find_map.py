@@ -11,7 +11,7 @@ from webapp.app.main import COMPOSITION, root
 from webapp.errors import BeingOpened, NotReady, StorageUnavailable
 from webapp.store.maps import maps
 from webapp.tasks.find import find_map
-from webapp.tasks.find.rank_maps import MapRanking
+from webapp.tasks.find.find_map import MapRanking
 from webapp.tasks.localize import map_cache
 from webapp.tasks.localize.map_cache import MapCache
 from webapp.tasks.localize.plan import OpenOptions

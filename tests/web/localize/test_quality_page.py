@@ -1,12 +1,16 @@
 """The page Quality: how well photos are found on a map."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from sqlalchemy import select
 
 from webapp.core.geo.corners import Corners, from_corners
 from webapp.core.geo.types import LatLon
+from webapp.core.hypotheses.calibration import DEFAULT
+from webapp.files.localize import calibration
+from webapp.files.localize.calibration import StoredCalibration
 from webapp.files.maps.map_json import georeference_fields
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, QueryRecord
@@ -173,3 +177,15 @@ def test_photos_that_only_wait_and_notes_change_no_answer(client, evaluated, lib
     move = {"kind": "move", "changes": [{"id": 0, "x_px": 7, "y_px": 9}]}
     assert client.patch(f"/api/v1/maps/{evaluated}/experiences", json=move).status_code == 200
     assert changed()
+
+
+@pytest.mark.parametrize(
+    ("real", "says"), [(0, "on its own photos only"), (1, "on 1 real photo."), (34, "on 34 real photos.")]
+)
+def test_what_it_is_calibrated_on(client, library, evaluated, real, says):
+    assert "is calibrated on" not in client.get(f"/maps/{evaluated}/quality").text
+    fitted = replace(DEFAULT, cases=120 + real)
+    there = library.map_folder(evaluated) / "derived" / "map" / "index" / "calibration-verified-ivf.json"
+    calibration.write(there, StoredCalibration(fitted, None, 50.0, frozenset(), 1.0, queries=real))
+    text = client.get(f"/maps/{evaluated}/quality").text
+    assert f"How sure answers may be is calibrated {says}" in text

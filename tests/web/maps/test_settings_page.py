@@ -4,6 +4,7 @@ import pytest
 
 from webapp.store.accounts import accounts
 from webapp.store.maps import maps
+from webapp.store.operate import job_views
 
 
 @pytest.fixture
@@ -68,3 +69,20 @@ def test_names_are_text_and_no_markup(people, new_map, sign_in):
     text = sign_in(people["owner"]).get("/").text
     assert "<img src=x" not in text
     assert "&lt;img src=x" in text
+
+
+def test_a_map_learns_from_photos_added_from_answers_unless_its_owner_declines(
+    library, people, shared, sign_in
+):
+    def state():
+        with library.database.read() as session:
+            record = maps.find(session, shared, account=people["owner"])
+            return record.uses_adopted, [j.kind for j in job_views.current(session, record.id)]
+
+    where = f"/maps/{shared}/settings/calibration"
+    assert sign_in(people["editor"]).post(where).status_code == 403
+    assert state() == (True, [])
+    assert sign_in(people["owner"]).post(where).status_code == 303
+    assert state() == (False, ["index"])
+    assert sign_in(people["owner"]).post(where, data={"adopted": "on"}).status_code == 303
+    assert state()[0] is True

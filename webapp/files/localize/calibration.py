@@ -38,6 +38,7 @@ class StoredCalibration:
     # Number of real queries among the photos that it was fitted on, and a digest of their list
     queries: int = 0
     queries_key: str = ""
+    adopted: int = 0  # Number of photos in `adopted.py`'s list, some of which may not be in the index
 
 
 def write(path: Path, stored: StoredCalibration) -> None:
@@ -72,6 +73,7 @@ def read(path: Path, *, numbers: int = EVIDENCE) -> StoredCalibration | None:
             second_look_s=float(raw["second_look_s"]),
             queries=int(raw.get("queries", 0)),
             queries_key=str(raw.get("queries_key", "")),
+            adopted=int(raw.get("adopted", 0)),
         )
     except (OSError, ValueError, KeyError, TypeError):
         return None

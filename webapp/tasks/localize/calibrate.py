@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,25 +23,39 @@ from webapp.core.localize.places import LocatedPlace, PlaceCandidate, locate
 from webapp.core.localize.verified import find_places
 from webapp.core.retrieval.indexed import IndexedMap
 from webapp.errors import PhotoError, TableError, UsageError
+from webapp.files.contents import local
+from webapp.files.localize import adopted, queries_csv
 from webapp.files.localize import calibration as calibrationfile
-from webapp.files.localize import queries_csv
+from webapp.files.localize.adopted import AdoptedPhoto
 from webapp.files.localize.calibration import StoredCalibration, TrialRecord, recorded_trials
 from webapp.files.localize.queries_csv import Query
 from webapp.files.maps.folder import read_map
-from webapp.files.object_storage.storage import local
 from webapp.files.photos.photo import read_facts
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, RetrievalSettings
 from webapp.tasks.computing.in_order import ExecutionTarget, in_order
 from webapp.tasks.localize import geometry, orient_map
+from webapp.tasks.localize.index_location import index_bases
 from webapp.tasks.localize.open_index import MapSource, RebuiltValue
 from webapp.tasks.localize.open_map import OpenMap
 from webapp.tasks.localize.pipeline import Look
 from webapp.tasks.localize.query_photo import read_query
-from webapp.tasks.localize.trials import STRONG_INLIERS, Hidden, Trial, TriedMap, try_photos, with_queries
+from webapp.tasks.localize.trials import (
+    MOST_PHOTOS,
+    REAL,
+    STRONG_INLIERS,
+    Hidden,
+    Trial,
+    TriedMap,
+    try_photos,
+    with_queries,
+)
 
 _CHANGED_SHARE = 0.1
 """A map keeps its calibration while its photos, positions and place radius change by less than this."""
+
+_ADOPTED_SHARE = 0.5
+"""It keeps it while the number of adopted photos changes by at most this share: repeating it takes long."""
 
 _PREFIX = 8
 """Characters of a content hash that suffice to detect whether a map has changed much."""
@@ -84,8 +99,9 @@ def calibrate_map(opened: OpenMap, *, progress: Progress) -> StoredCalibration:
         radius,
         photo_keys(opened),
         time.perf_counter() - started,
-        queries=sum(trial.hidden == "nothing" for trial in trials.values()),
+        queries=sum(trial.hidden in REAL for trial in trials.values()),
         queries_key=queries_key(opened.cfg),
+        adopted=len(adopted.read(opened.cfg)),
     )
     calibrationfile.write(paths(opened)[-1], stored)
     return stored
@@ -121,25 +137,30 @@ def keep_queries(cfg: Path, listed: Path, *, limits: PhotoLimits) -> None:
 
 
 def run_all(opened: OpenMap, *, progress: Progress) -> dict[int, Trial]:
-    """Run the trials of a map and localize its real queries; see `with_queries`.
+    """Run the trials of a map and localize its real queries, listed and adopted ones; see `with_queries`.
 
     Raises Cancelled, StorageError, TableError.
     """
     trials = run_trials(opened, progress=progress)
-    key = queries_key(opened.cfg)
-    if not key:
+    key, photos = queries_key(opened.cfg), adopted.read(opened.cfg)
+    real: list[Query | AdoptedPhoto] = [*photos[-MOST_PHOTOS:]]
+    real += queries_csv.read(queries_file(opened.cfg)) if key else []
+    if not real:
         return trials
-    listed = queries_csv.read(queries_file(opened.cfg))
     progress.note("calibrating on real queries")
-    progress.size(len(listed))
+    progress.size(len(real))
     found: dict[int, Trial] = {}
     at = paths(opened)[-1].with_suffix(".queries")
-    with recorded_trials(at, f"{_trials_key(opened)} {key}") as (known, keep):
-        for number, query in enumerate(listed):
+    with recorded_trials(at, f"{_trials_key(opened)} {key} {[*map(tuple, photos)]}") as (known, keep):
+        tried = _tried(opened)
+        for number, query in enumerate(real):
             progress.check()
             if number not in known:
                 try:
-                    known[number] = _try_query(opened, query, progress=progress)
+                    if isinstance(query, AdoptedPhoto):
+                        known[number] = tried.attempt_adopted(query)
+                    else:
+                        known[number] = _try_query(opened, query, progress=progress)
                 except PhotoError as error:  # moved away since: the others still count
                     progress.note(str(error))
                     continue
@@ -235,6 +256,9 @@ def still_fits(known: StoredCalibration, opened: OpenMap, *, place_radius_px: fl
     """
     if known.map_fov_deg != opened.plan.map_fov_deg or known.queries_key != queries_key(opened.cfg):
         return False
+    photos = len(adopted.read(opened.cfg))
+    if abs(photos - known.adopted) > _ADOPTED_SHARE * min(photos, known.adopted):
+        return False
     changed = len(known.photos ^ photo_keys(opened)) > _CHANGED_SHARE * max(len(known.photos), 1)
     radius = place_radius_px or opened.indexed.place_radius_px
     return not changed and abs(math.log(radius / known.place_radius_px)) <= _CHANGED_SHARE
@@ -244,6 +268,21 @@ def newest(opened: OpenMap) -> StoredCalibration | None:
     """Return the stored calibration, even if the map has changed much since; None if there is none."""
     known = (calibrationfile.read(path) for path in reversed(paths(opened)))
     return next((k for k in known if k is not None), None)
+
+
+class CalibratedOn(NamedTuple):
+    """How many photos a calibration was fitted on."""
+
+    own: int
+    real: int
+
+
+def calibrated_on(cfg: Path) -> CalibratedOn | None:
+    """Return what the newest calibration of a map was fitted on; None if there is none."""
+    files = [file for base in index_bases(cfg, None) for file in base.glob("*/calibration-*.json")]
+    files.sort(key=lambda file: file.stat().st_mtime_ns, reverse=True)
+    known = next((k for k in map(calibrationfile.read, files) if k is not None), None)
+    return None if known is None else CalibratedOn(known.calibration.cases - known.queries, known.queries)
 
 
 def fit_trials(indexed: IndexedMap, trials: Sequence[Trial], *, start: Calibration = DEFAULT) -> Calibration:
@@ -334,7 +373,8 @@ def _radius_scale(
     """
     ratios: dict[Hidden, list[float]] = {"photo": [], "place": [], "nothing": []}
     for trial, at, error in zip(trials, located, errors, strict=True):
-        if not at or trial.hidden == "surroundings":
+        # an adopted photo may have been placed where the answer said
+        if not at or trial.hidden in ("surroundings", "later"):
             continue
         first = int(probabilities(trial.evidence, DEFAULT)[0].argmax())
         if error[first] <= place_radius_px and at[first].kind == "position":

@@ -17,6 +17,7 @@ import numpy as np
 from webapp.core.hypotheses import looks
 from webapp.core.hypotheses.calibration import Calibration, Case, fit, probabilities
 from webapp.core.hypotheses.model import Hypothesis
+from webapp.files.localize import adopted
 from webapp.files.localize import calibration as calibrationfile
 from webapp.files.localize.calibration import StoredCalibration
 from webapp.progress import Progress
@@ -131,6 +132,7 @@ def calibrate_looks(pair: Pair, *, progress: Progress) -> StoredCalibration:
         second_look_s=_undisturbed_s(other.values()),
         queries=sum(number < 0 for number in one.keys() & other.keys()),
         queries_key=calibrate.queries_key(first.cfg),
+        adopted=len(adopted.read(first.cfg)),
     )
     calibrationfile.write(path(first, second), stored)
     return stored

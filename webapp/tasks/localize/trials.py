@@ -17,21 +17,25 @@ from webapp.core.features.types import Features
 from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.calibration import EVIDENCE, Calibration
-from webapp.core.hypotheses.path_prior import PathPrior, apply_path_prior
 from webapp.core.hypotheses.places import spacing_px
+from webapp.core.hypotheses.priors import PathPrior, apply_path_prior
 from webapp.core.localize.places import LocatedPlace, PlaceCandidate, locate
 from webapp.core.localize.verified import PlaceSearch, find_places
 from webapp.core.mapmodel.panorama import experiences_of
 from webapp.core.reconstruction.depths import DepthObservations, DepthsExcluding
 from webapp.core.retrieval.indexed import IndexedMap, candidates
-from webapp.core.retrieval.shortlist import filter_by_rotation, weighted_votes
+from webapp.core.retrieval.retrieve import filter_by_rotation, weighted_votes
+from webapp.files.localize.adopted import AdoptedPhoto
 from webapp.files.localize.calibration import TrialRecord
 from webapp.progress import Progress
 
 FindPlaces = Callable[..., PlaceSearch]
 
-Hidden = Literal["photo", "place", "surroundings", "nothing"]
-"""What is hidden from the map in a trial; nothing for a real query with known position."""
+Hidden = Literal["photo", "place", "surroundings", "nothing", "later"]
+"""What is hidden from the map in a trial; nothing for a real query with known position, and what was added
+after it for one that is now on the map."""
+
+REAL: frozenset[Hidden] = frozenset({"nothing", "later"})
 
 MOST_PHOTOS = 200
 
@@ -136,11 +140,11 @@ class TriedMap:
     # depths are used.
     sightings: DepthObservations | None = None
     find: FindPlaces | None = None  # Finds the places of a query; `find_places` by default
-    _same_place_px: float = field(init=False)
+    same_place_px: float = field(init=False)  # Photos within this distance show the same place
 
     def __post_init__(self) -> None:
         spacing = spacing_px(self.indexed.position, floor=self.indexed.floor)
-        object.__setattr__(self, "_same_place_px", _SAME_PLACE * (spacing or self.indexed.place_radius_px))
+        object.__setattr__(self, "same_place_px", _SAME_PLACE * (spacing or self.indexed.place_radius_px))
 
     @property
     def trials(self) -> int:
@@ -153,16 +157,45 @@ class TriedMap:
         Args:
             number: Number of the trial.
         """
-        indexed = self.indexed
-        trial = _try(
-            indexed,
-            number * len(indexed.ids) // self.trials,
-            self.sightings,
-            number=number,
-            same_place_px=self._same_place_px,
-            find=self.find or partial(find_places, indexed),
-        )
+        trial = _try(self, number * len(self.indexed.ids) // self.trials, number=number)
         return None if trial is None else trial.to_record()
+
+    def attempt_adopted(self, photo: AdoptedPhoto) -> TrialRecord:
+        """Localize a photo on the map as it was when it was asked about; None if it is not in the index."""
+        mine = experiences_of(self.indexed.ids)
+        numbers = np.flatnonzero(mine == photo.id)  # several if it is a panorama
+        if len(numbers) != 1:
+            return None
+        without: NDArray[np.bool_] = (mine == photo.id) | (mine >= photo.newer)
+        trial = self.localize(int(numbers[0]), without=without, hidden="later")
+        return None if trial is None else trial.to_record()
+
+    def localize(
+        self,
+        photo: int,
+        *,
+        without: NDArray[np.bool_],
+        hidden: Hidden,
+        features: Features | None = None,
+    ) -> Trial | None:
+        """Localize a photo of the map without some of them; None if it has no features, or none remains.
+
+        Args:
+            features: Of the photo, if they are not those in the index.
+        """
+        indexed = self.indexed
+        features = features or indexed.features(photo)
+        if features is None or without.all():
+            return None
+        started = time.perf_counter()
+        depths = {} if self.sightings is None else {"depths": DepthsExcluding(self.sightings, without)}
+        find = self.find or partial(find_places, indexed)
+        hide = indexed.ids[without].tolist()
+        found = find(features, fov_deg=float(indexed.fov_deg[photo]), hide=hide, **depths)
+        x, y = indexed.position[photo].tolist()
+        strong = bool(found.places) and found.places[0].photos[0].inliers >= STRONG_INLIERS
+        seconds, floor = time.perf_counter() - started, int(indexed.floor[photo])
+        return Trial(found.evidence, found.places, (x, y), hidden, strong, seconds, floor)
 
 
 def try_photos(
@@ -215,41 +248,22 @@ def with_queries(trials: Mapping[int, Trial], queries: Mapping[int, Trial]) -> d
     return found | {-1 - number: replace(query, share=each) for number, query in queries.items()}
 
 
-def _try(
-    indexed: IndexedMap,
-    photo: int,
-    sightings: DepthObservations | None,
-    *,
-    number: int,
-    same_place_px: float,
-    find: FindPlaces,
-) -> Trial | None:
+def _try(tried: TriedMap, photo: int, *, number: int) -> Trial | None:
     """Run one trial; None if the photo has no features, or no photo of the map remains."""
-    features = indexed.features(photo)
+    features = tried.indexed.features(photo)
     if features is None:
         return None
     turn, which = divmod(number, len(_HIDDEN))
     hidden = _HIDDEN[which]
     if hidden == "place" and turn % _OTHER_DAY_EVERY == _OTHER_DAY_EVERY - 1:
         features = features.subset(np.arange(photo % _LEFT_ON_OTHER_DAY, len(features), _LEFT_ON_OTHER_DAY))
-    without = _hide(indexed, photo, features, hidden=hidden, same_place_px=same_place_px)
-    if without.all():
-        return None
-    started = time.perf_counter()
-    depths = {} if sightings is None else {"depths": DepthsExcluding(sightings, without)}
-    found = find(
-        features, fov_deg=float(indexed.fov_deg[photo]), hide=indexed.ids[without].tolist(), **depths
-    )
-    x, y = indexed.position[photo].tolist()
-    strong = bool(found.places) and found.places[0].photos[0].inliers >= STRONG_INLIERS
-    seconds, floor = time.perf_counter() - started, int(indexed.floor[photo])
-    return Trial(found.evidence, found.places, (x, y), hidden, strong, seconds, floor)
+    without = _hide(tried, photo, features, hidden=hidden)
+    return tried.localize(photo, without=without, hidden=hidden, features=features)
 
 
-def _hide(
-    indexed: IndexedMap, photo: int, features: Features, *, hidden: Hidden, same_place_px: float
-) -> NDArray[np.bool_]:
+def _hide(tried: TriedMap, photo: int, features: Features, *, hidden: Hidden) -> NDArray[np.bool_]:
     """Choose the photos that are hidden in a trial; (p,)."""
+    indexed = tried.indexed
     mine = experiences_of(indexed.ids)
     itself: NDArray[np.bool_] = mine == mine[photo]
     area = int(indexed.area[photo])
@@ -261,7 +275,7 @@ def _hide(
         there: NDArray[np.bool_] = indexed.area == area
         return there if hidden == "surroundings" else there & _capture(indexed, itself, features)
     if hidden == "place":
-        return apart <= same_place_px
+        return apart <= tried.same_place_px
     within = min(
         _ELSEWHERE * indexed.place_radius_px, float(np.quantile(apart[np.isfinite(apart)], _MOST_HIDDEN))
     )

@@ -17,9 +17,9 @@ from pathlib import Path
 from threading import BoundedSemaphore
 from typing import Any, Literal
 
-from webapp.core.hypotheses.circle_prior import CirclePrior
 from webapp.core.hypotheses.jsonform import answer_to_json
 from webapp.core.hypotheses.model import Answer, Evidence
+from webapp.core.hypotheses.priors import CirclePrior
 from webapp.core.hypotheses.sequence import Belief, belief_from_json, belief_to_json, filter_step
 from webapp.errors import NotFound, UsageError
 from webapp.files.atomic import write_text

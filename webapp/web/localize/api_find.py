@@ -15,8 +15,7 @@ from flask.blueprints import BlueprintSetupState
 from webapp.files.part_file import check_space, discard, receive
 from webapp.progress import Progress
 from webapp.store.maps import maps
-from webapp.tasks.find.find_map import BUDGET_S, MOST_MAPS, LibrarySearch, find_map, search_json
-from webapp.tasks.find.rank_maps import MapRanking
+from webapp.tasks.find.find_map import BUDGET_S, MOST_MAPS, LibrarySearch, MapRanking, find_map, search_json
 from webapp.tasks.localize.upload import Send, UploadedPhoto
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.web.body_limits import limit_photo

@@ -20,7 +20,7 @@ from werkzeug.datastructures import FileStorage
 from webapp.core.features.table import BUNDLES, METHODS, Method, choose
 from webapp.core.geo.grids import decimal, degrees_minutes_seconds, mgrs, utm
 from webapp.core.geo.types import MapPixel
-from webapp.core.hypotheses.circle_prior import CirclePrior
+from webapp.core.hypotheses.priors import CirclePrior
 from webapp.errors import UsageError
 from webapp.files.localize.models import usable_features, usable_methods
 from webapp.files.part_file import check_space, discard, receive

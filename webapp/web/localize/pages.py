@@ -23,6 +23,7 @@ from webapp.store.operate import job_views
 from webapp.store.schema import MapRecord
 from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.evaluation.stored import Miss, StoredEvaluation
+from webapp.tasks.localize.calibrate import calibrated_on
 from webapp.tasks.localize.index_location import has_landmarks
 from webapp.tasks.localize.open_pipeline import can_reconstruct
 from webapp.tasks.maps import examples
@@ -134,6 +135,7 @@ def quality(slug: str) -> str:
         changed=changed,
         parts=[_part(one, names, metres=_metres(record)) for one in kept],
         error=error,
+        calibrated=calibrated_on(library().cfg(record.slug)),
     )
 
 

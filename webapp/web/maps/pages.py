@@ -15,7 +15,9 @@ from webapp.errors import ExpMapError, UsageError
 from webapp.store.accounts import accounts
 from webapp.store.list_parts import ListPart, is_cursor
 from webapp.store.maps import maps
+from webapp.store.maps.changing import INDEX_JOB
 from webapp.store.maps.maps import Role
+from webapp.store.operate import jobs
 from webapp.store.schema import Account, MapRecord
 from webapp.web import errors
 from webapp.web.context import account, library, open_map, reading_map
@@ -139,6 +141,17 @@ def rename(slug: str) -> Response | tuple[str, int]:
     except ExpMapError as error:
         return _settings_page(record, error=error), errors.status_of(error)
     flash(_("The map has been renamed."), "success")
+    return back("map_pages.settings", slug=slug)
+
+
+@blueprint.post("/maps/<slug>/settings/calibration")
+def set_calibration(slug: str) -> Response:
+    """Choose whether photos added from answers are real queries, and calibrate the map again."""
+    record = open_map(slug, "owner")
+    with library().database.write() as db:
+        db.get_one(MapRecord, record.id).uses_adopted = "adopted" in request.form
+        jobs.enqueue(db, INDEX_JOB, map_id=record.id)
+    flash(_("Saved. The map is calibrated again in the background."), "success")
     return back("map_pages.settings", slug=slug)
 
 

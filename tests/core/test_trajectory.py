@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.match import ClockOffset, estimate_offset, match
-from webapp.core.trajectory.track import make_track
+from webapp.core.trajectory import ClockOffset, estimate_offset, make_track, match
 
 HERE = LatLon(50.0, 14.0)
 

@@ -1,4 +1,4 @@
-"""Plans where to take the next photos of a map, from estimates of how well it is recognised."""
+"""Plans where to take the next photos of a map, puts the plan into words, and adds the photos taken there."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from webapp.core.geo.types import LatLon, MapPixel
+from webapp.core.geo.types import LatLon, MapPixel, inside
 from webapp.core.hypotheses.places import place_radius_px
 from webapp.core.mapmodel.model import Experience, Map
-from webapp.core.mapmodel.photo_plan import PlannedSpot, plan_spots, walk_length
+from webapp.core.mapmodel.photo_plan import PlannedSpot, Reason, plan_spots, walk_length
 from webapp.core.mapmodel.recognition import (
     DIRECTIONS,
     STEP_DEG,
@@ -26,9 +26,19 @@ from webapp.core.mapmodel.recognition import (
 )
 from webapp.errors import StorageError, UsageError
 from webapp.files.atomic import make_folder, write_text
+from webapp.files.exchange.walk import WalkPoint
 from webapp.files.listing import DERIVED
+from webapp.settings import Settings
+from webapp.store.library import Library
+from webapp.store.maps import maps
+from webapp.store.schema import MapRecord
 from webapp.tasks.evaluation import stored as stored_evaluation
+from webapp.tasks.landmarks import stored
+from webapp.tasks.landmarks.place_rest import SuggestedPlace
 from webapp.tasks.maps import health
+from webapp.tasks.maps.add_photo import AddedPhoto, IncomingPhoto, add_photo
+from webapp.tasks.maps.library_map import georeference
+from webapp.tasks.maps.placing import needed_image
 
 MOST_SPOTS = 100
 
@@ -257,3 +267,121 @@ def read(cfg: Path) -> dict[str, Any] | None:
 
 def _path(cfg: Path) -> Path:
     return cfg.parent / DERIVED / _FILE
+
+
+@dataclass(frozen=True, slots=True)
+class PlanWords:
+    """The words of one language."""
+
+    directions: tuple[str, ...]  # From north clockwise
+    reasons: Mapping[Reason, str]
+    look: str  # Template with `{directions}`
+    look_around: str  # Used if no direction is planned
+
+
+ENGLISH = PlanWords(
+    ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west"),
+    {
+        "not-recognised": "photos here were not recognised",
+        "one-direction": "seen in one direction only",
+        "direction": "no photo looks this way",
+        "few-photos": "few photos near here",
+    },
+    "look {directions}",
+    "look all around",
+)
+
+
+def direction_of(bearing_deg: float, words: PlanWords = ENGLISH) -> str:
+    """Return the nearest of the eight directions, in words."""
+    return words.directions[round(bearing_deg / STEP_DEG) % DIRECTIONS]
+
+
+def directions_of(spot: Mapping[str, Any], words: PlanWords = ENGLISH) -> str:
+    """Return in words where to look at a spot of `plan_json`."""
+    names = [direction_of(h, words) for h in spot["headings_deg"]]
+    return words.look.format(directions=", ".join(names)) if names else words.look_around
+
+
+def walk_of(plan: Mapping[str, Any], words: PlanWords = ENGLISH) -> list[WalkPoint]:
+    """Convert a plan from `plan_json` to a walk.
+
+    Raises:
+        UsageError: The map has no georeference.
+    """
+    spots = plan["spots"]
+    if any(spot["lat"] is None for spot in spots):
+        raise UsageError(
+            "the spots have no latitude and longitude: the map has no georeference",
+            hint="georeference the image: see docs/georeference.md",
+        )
+    width = len(str(len(spots)))
+    return [
+        WalkPoint(
+            f"{spot['number']:0{width}}",
+            _sentence(f"{directions_of(spot, words)}: {words.reasons[spot['reason']]}"),
+            LatLon(spot["lat"], spot["lon"]),
+            next(iter(spot["headings_deg"]), None),
+        )
+        for spot in spots
+    ]
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+_ACCURACY_M = 10.0
+"""Accuracy with which people reach a spot by the GPS of a phone."""
+
+_OF_IMAGE = 0.02
+"""The same as a share of the image's longer side, if it has no georeference."""
+
+
+@dataclass(frozen=True, slots=True)
+class TargetPose:
+    """Planned position and heading of a photo."""
+
+    position: MapPixel
+    heading_deg: float | None = None
+    revision: int | None = None  # Revision of the map when the spot was planned; None for the current one
+
+
+def add_photo_at_spot(
+    library: Library, map_id: int, *, photo: IncomingPhoto, pose: TargetPose, settings: Settings
+) -> tuple[AddedPhoto, bool]:
+    """Add a photo to a map, as `add_photo`; without GPS, suggest the spot as its place.
+
+    Raises PhotoError, NotFound, UsageError, DiskFull, StorageError.
+
+    Returns:
+        intake:
+        suggested: It is in the tray, and the spot is suggested as its place; never if the image was replaced,
+            or the spot is outside it.
+    """
+    intake = add_photo(library, map_id, photo=photo, settings=settings)
+    with library.database.read() as session:
+        record = session.get_one(MapRecord, map_id)
+        row = maps.photo(session, record, intake.id)
+        if row.x_px is not None or row.gps_lat is not None or record.satellite_path is None:
+            return intake, False
+        radius = _radius_px(record, pose)
+        if radius is None:
+            return intake, False
+        place = SuggestedPlace(row.id, row.path, pose.position, radius, pose.heading_deg, ())
+        cfg, revision = library.cfg(record.slug), record.revision
+    stored.suggest(cfg, place, revision=revision)
+    return intake, True
+
+
+def _radius_px(record: MapRecord, pose: TargetPose) -> float | None:
+    """Return the radius around a spot that contains its photo; None if it is not on the current image."""
+    image = needed_image(record, with_georeference=False)
+    replaced = pose.revision is not None and pose.revision < record.satellite_revision
+    if replaced or not inside(pose.position, width=image.width, height=image.height):
+        return None
+    where = georeference(record)
+    if where is None:
+        return _OF_IMAGE * max(image.width, image.height)
+    scale = where.metres_per_pixel(pose.position)
+    return _ACCURACY_M / scale if math.isfinite(scale) and scale > 0.0 else None

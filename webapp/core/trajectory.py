@@ -1,4 +1,4 @@
-"""Positions on a track by time; and the offset of a camera's clock from the track's."""
+"""A recorded track: positions on it by time, and the offset of a camera's clock from it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,32 @@ from numpy.typing import ArrayLike, NDArray
 
 from webapp.core.geo.local import LocalFrame, centre_of
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.track import FixTrack
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FixTrack:
+    """Fixes in the order of time."""
+
+    times_s: NDArray[np.float64]  # (n,) float64. Seconds since 1970, UTC; strictly ascending.
+    latlon: NDArray[np.float64]  # (n, 2) float64. Degrees north, degrees east.
+
+    def __len__(self) -> int:
+        """Count the fixes."""
+        return len(self.times_s)
+
+
+def make_track(times_s: Sequence[float], positions: Sequence[LatLon]) -> FixTrack:
+    """Sort fixes by time; of several with the same time the first is kept.
+
+    Args:
+        times_s: Seconds since 1970, UTC.
+        positions: One for each time.
+    """
+    times = np.asarray(times_s, dtype=np.float64).reshape(-1)
+    latlon = np.asarray(positions, dtype=np.float64).reshape(-1, 2)
+    unique, first = np.unique(times, return_index=True)
+    return FixTrack(unique, latlon[first])
+
 
 _NEAREST = 5
 """Number of nearest fixes to a photo's own position that propose the time when it was taken."""
