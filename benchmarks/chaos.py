@@ -45,8 +45,8 @@ from benchmarks.s3_server import BUCKET, ObjectServer
 from tests.cluster.dask_cluster import DaskCluster
 from tests.ports import reserved_port
 from tests.postgresql_server import PostgresqlServer
-from webapp.files.object_storage import storage
-from webapp.files.object_storage.connect import connect
+from webapp.files import contents
+from webapp.files.contents import connect
 from webapp.missions.store import missions
 from webapp.settings import Settings
 from webapp.store.accounts import accounts
@@ -261,7 +261,7 @@ def _answer_problems(library: Library, one: Uploader) -> list[str]:
         ).first()
     if photo is None:
         return [f"{slug} has no placed photo"]
-    data = storage.local(library.map_folder(slug) / photo.path).read_bytes()
+    data = contents.local(library.map_folder(slug) / photo.path).read_bytes()
     answer = one.client.call("POST", f"/maps/{slug}/localize", files={"file": ("query.jpg", data)})
     found = answer.json().get("hypotheses", []) if answer.ok else []
     if found and np.hypot(found[0]["x_px"] - photo.x_px, found[0]["y_px"] - photo.y_px) < _NEAR_PX:
@@ -312,7 +312,7 @@ def _upload_problems(library: Library, one: Uploader) -> list[str]:
     problems += [f"{one.slug}: photo {sha[:12]} is there {n} times" for sha, n in rows.items() if n > 1]
     problems += [f"{one.slug}: photo {sha[:12]} comes from nowhere" for sha in set(rows) - one.tried]
     for photo in photos:
-        data = storage.local(library.map_folder(one.slug) / photo.path).read_bytes()
+        data = contents.local(library.map_folder(one.slug) / photo.path).read_bytes()
         if hashlib.sha256(data).hexdigest() != photo.sha256:
             problems.append(f"{one.slug}: {photo.path} is damaged")
     there = {photo.id: (photo.x_px, photo.y_px) for photo in photos}

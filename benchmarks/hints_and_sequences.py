@@ -28,9 +28,8 @@ from webapp.configuration import load_settings
 from webapp.core.evaluation.summary import summarise
 from webapp.core.evaluation.types import QueryResult
 from webapp.core.geo.types import MapPixel
-from webapp.core.hypotheses.circle_prior import CirclePrior
 from webapp.core.hypotheses.model import Answer
-from webapp.core.hypotheses.path_prior import apply_path_prior_to_answer
+from webapp.core.hypotheses.priors import CirclePrior, apply_path_prior_to_answer
 from webapp.core.hypotheses.sequence import Belief, filter_step, smooth
 from webapp.files.localize.queries_csv import Query, read
 from webapp.progress import Progress

@@ -33,7 +33,7 @@ from webapp.settings import Settings
 from webapp.store.backends import photo_search
 from webapp.store.library import Library, open_library
 from webapp.store.maps import photo_vectors as stored
-from webapp.tasks.find import rank_maps
+from webapp.tasks.find import find_map
 from webapp.tasks.find.describe_library import SAMPLE_PHOTOS, features, indexed_photos
 
 NOISE = 0.05
@@ -110,7 +110,7 @@ def _ranks(
     ranks = []
     for query in queries:
         asked = photo_vectors.vector(basis, query)
-        likeness = {other: rank_maps.likeness(some, asked) for other, some in vectors.items()}
+        likeness = {other: find_map.likeness(some, asked) for other, some in vectors.items()}
         ranks.append(sum(value > likeness[name] for value in likeness.values()))
     return np.array(ranks)
 
@@ -132,7 +132,7 @@ def _time(library: list[NDArray[np.float16]], asked: list[NDArray[np.float32]]) 
     seconds = []
     for query in asked:
         begun = time.perf_counter()
-        sorted(range(len(library)), key=[-rank_maps.likeness(v, query) for v in library].__getitem__)
+        sorted(range(len(library)), key=[-find_map.likeness(v, query) for v in library].__getitem__)
         seconds.append(time.perf_counter() - begun)
     photos, size = sum(map(len, library)), sum(vectors.nbytes for vectors in library) / 1e6
     print(f"{photos} photos on {len(library)} maps, in memory: {_spread(seconds)}; {size:.0f} MB", flush=True)
@@ -213,7 +213,7 @@ def _compare(
         begun = time.perf_counter()
         found = search.likeness(query, basis_id=basis_id, map_ids=seen)
         seconds.append(time.perf_counter() - begun)
-        exact = {id: rank_maps.likeness(library[id - 1], query) for id in seen}
+        exact = {id: find_map.likeness(library[id - 1], query) for id in seen}
         maps.append(len(_first(found) & _first(exact)) / RECALL_AT)
         every = np.concatenate([library[id - 1].astype(np.float32) @ query for id in seen])
         photos.append(_recall(there, query, basis_id=basis_id, seen=seen, every=every))

@@ -38,7 +38,7 @@ from webapp.tasks.evaluation.measure import with_hidden_photos
 from webapp.tasks.localize.open_pipeline import open_pipeline
 from webapp.tasks.localize.pipeline import LocalizationPipeline
 from webapp.tasks.localize.plan import OpenOptions
-from webapp.tasks.photo_plan.planning import PhotoTrial
+from webapp.tasks.photo_plan import PhotoTrial
 
 Places = Mapping[MapPixel, Sequence[int]]
 

@@ -39,10 +39,10 @@ from PIL import Image
 from benchmarks.dask_build import first_photos
 from benchmarks.s3_server import BUCKET, ObjectServer
 from webapp.errors import PhotoError
+from webapp.files import contents
+from webapp.files.contents import connect
 from webapp.files.localize.index_store import IndexFolder
 from webapp.files.maps.folder import read_map
-from webapp.files.object_storage import storage
-from webapp.files.object_storage.connect import connect
 from webapp.files.object_storage.marker import MARKER
 from webapp.progress import Progress
 from webapp.settings import Settings
@@ -110,7 +110,7 @@ def _prepare(local: Path, folder: Path, *, queries: int) -> _Places:
     (library / ".library" / MARKER).write_text(f"s3://{BUCKET}/library benchmark\n", "utf-8")
     connect(places.settings("builder"))
     for experience in read_map(places.stored).experiences:
-        storage.publish(places.stored.parent / experience.photo)
+        contents.publish(places.stored.parent / experience.photo)
     index = IndexFolder(places.stored.parent / report.index.folder.relative_to(local.parent))
     manifest = index.read_manifest()
     if manifest is None:
@@ -156,7 +156,7 @@ def _ask(cfg: Path, queries: Iterable[Path], settings: Settings) -> _Answers:
             said.append(str(error))
         times.append(time.perf_counter() - begun)
         begun = time.perf_counter()
-    there = storage.in_use()
+    there = contents.in_use()
     cached = there.cache.size() / 1e6 if there else 0.0
     return _Answers(times[0], tuple(times[1:]), json.dumps(said), cached)
 

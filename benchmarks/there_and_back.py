@@ -32,9 +32,9 @@ from typing import Any
 from benchmarks.s3_cold import cut_photos
 from benchmarks.s3_server import BUCKET, ObjectServer
 from tests.postgresql_server import PostgresqlServer
+from webapp.files import contents
+from webapp.files.contents import connect
 from webapp.files.maps.folder import read_map
-from webapp.files.object_storage import storage
-from webapp.files.object_storage.connect import connect
 from webapp.files.object_storage.pointer import SUFFIX
 from webapp.settings import Settings
 from webapp.store.accounts import accounts
@@ -161,7 +161,7 @@ def read(library: Path, queries: Sequence[Path], *, environ: Mapping[str, str]) 
     photos = [cfg.parent / experience.photo for experience in read_map(cfg).experiences]
     files = {path.name: path for path in (cfg, *photos)}
     hashes = {
-        name: hashlib.sha256(storage.local(path).read_bytes()).hexdigest() for name, path in files.items()
+        name: hashlib.sha256(contents.local(path).read_bytes()).hexdigest() for name, path in files.items()
     }
     return State(hashes, _without_times(json.loads(said)), sum(not p.is_file() for p in photos))
 

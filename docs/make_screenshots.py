@@ -307,7 +307,7 @@ def shoot(browser: Browser, app: App, cookies: Any, *, path: str, name: str, loo
         page.locator("#place-the-rest").click()
         page.get_by_test_id("suggested-photo").first.wait_for()
     if name == "next-photos":
-        page.locator("#place-menu summary").click()
+        page.locator("#add-menu summary").click()
         page.locator("#plan-button").click()
         page.get_by_test_id("plan-spot").first.wait_for()
     if "/panoramas/" in path:

@@ -19,8 +19,7 @@ from webapp.core.geo.types import LatLon, MapPixel
 from webapp.core.hypotheses.jsonform import answer_to_json
 from webapp.core.hypotheses.model import Answer, Hypothesis
 from webapp.errors import ExpMapError
-from webapp.files.object_storage.connect import connect
-from webapp.files.object_storage.marker import settings_at
+from webapp.files.contents import connect, settings_at
 from webapp.progress import Progress
 from webapp.render.answer_pictures import map_picture, match_picture
 from webapp.settings import Settings

@@ -10,8 +10,7 @@ pytest.importorskip("pycolmap")
 
 from benchmarks import placed_cloud
 from webapp.core.geo.types import MapPixel
-from webapp.core.geometry.camera_pose import CameraPose
-from webapp.core.hypotheses.model import Hypothesis
+from webapp.core.hypotheses.model import CameraPose, Hypothesis
 from webapp.files.localize.queries_csv import Query
 
 

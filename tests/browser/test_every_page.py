@@ -79,7 +79,7 @@ def test_the_menu_and_a_dialog(visit):
 
 def test_the_menus_of_the_editor_and_the_sheet_of_a_phone(visit, screen):
     page = visit(PAGES["map_pages.editor"])
-    for menu in ("#place-menu", ".ed-export + .menu"):
+    for menu in ("#add-menu", "#place-menu", "#map-menu", ".ed-export + .menu"):
         page.locator(f"{menu} > summary").click()
         expect(page.locator(f"{menu} > .menu__list")).to_be_visible()
         check(page, f"{menu} > .menu__list")
@@ -99,8 +99,8 @@ def test_the_dialogs_of_the_editor(visit, screen):
         "place-by-file": place,
         "place-by-track": place,
         "place-the-rest": place,
-        "floors-button": place,
-        "plan-button": place,
+        "floors-button": "#map-menu",
+        "plan-button": "#add-menu",
         "print-map": export,
         **({} if screen == "phone" else {"help": None}),  # help on keys only with a keyboard
     }

@@ -2,6 +2,7 @@
 
 import base64
 import csv
+import json
 import math
 import re
 import time
@@ -210,7 +211,7 @@ def test_a_confirmed_photo_becomes_an_experience_and_is_indexed_alone(page, copi
         page.expect_response(lambda response: response.url.endswith("/localize")) as answered,
     ):
         page.locator("#ask-again").evaluate("button => button.form.requestSubmit()")
-    answer = answered.value.json()
+    answer = json.loads(answered.value.text().split("event: answer\ndata: ")[1])
     assert id in answer["hypotheses"][0]["experiences"]  # the adopted photo now matches itself
 
 
@@ -388,13 +389,77 @@ def test_several_photos_are_a_table_and_marks_on_the_map(page, api, sample_map, 
     expect(page.locator("#history li").first.locator(".badge--hollow")).to_have_text("not here")
 
 
+WATCH_WORDS = """
+() => {
+  const bar = document.getElementById("busy");
+  window.said = [];
+  new MutationObserver(() => {
+    const words = document.querySelector("#busy-words [role=status]").textContent;
+    const verdict = document.getElementById("verdict").textContent;
+    window.said.push([words, bar.value, verdict]);
+  }).observe(document.getElementById("busy-words"), { subtree: true, childList: true });
+}
+"""
+
+
+def as_events(*events):
+    return "".join(f"event: {kind}\ndata: {json.dumps(data)}\n\n" for kind, data in events)
+
+
 def test_what_is_done_is_said_while_one_waits(page, api, sample_map, queries):
     open_page(page, sample_map, api)
+    page.evaluate(WATCH_WORDS)
     held = []
     page.route(re.compile(r"/localize"), lambda route: held.append(route) if not held else route.continue_())
     page.get_by_test_id("query-input").set_input_files(queries / QUERY)
     words = page.locator("#busy-words")
-    expect(words).to_contain_text("Comparing with 60 photos of the map")
+    expect(words).to_contain_text(re.compile(r"(Sending|Reading) the photo"))
     expect(words).to_contain_text(re.compile(r"\d seconds"))
     held[0].continue_()
     expect(words).to_be_hidden(timeout=PATIENCE_MS)
+    said = [(words, bar) for words, bar, _ in page.evaluate("said")]
+    assert "Comparing with 60 photos of the map" in [words for words, _ in said]
+    bars = [bar for words, bar in said if words]
+    assert bars == sorted(bars)
+
+
+def test_the_first_looks_answer_is_shown_until_the_second_ones_comes(page, api, sample_map, queries):
+    open_page(page, sample_map, api)
+    photo = {"name": QUERY, "mimeType": "image/jpeg", "buffer": (queries / QUERY).read_bytes()}
+    answer = api.ask("POST", f"/maps/{sample_map}/localize", multipart={"file": photo})
+    place = answer["hypotheses"][0]
+    first = answer | {"hypotheses": [place | {"probability": 0.4}], "off_map_probability": 0.3}
+    first |= {"other_probability": 0.3, "verdict": "perhaps_place"}
+    body = as_events(
+        ("progress", {"photos": 60, "done": 0, "total": 1}), ("first", first), ("answer", answer)
+    )
+    page.route(
+        "**/api/v1/maps/*/localize",
+        lambda route: route.fulfill(body=body, headers={"Content-Type": "text/event-stream"}),
+    )
+    page.evaluate(WATCH_WORDS)
+    choose(page, queries / QUERY)
+    expect(page.locator("#query-about")).not_to_be_empty()
+    expect(page.locator("#busy-words")).to_be_hidden()
+    final = page.locator("#verdict").inner_text()
+    assert first_place(page)[1] == place["probability"]
+    assert not final.startswith("Uncertain")
+    ((_, bar, _),) = [one for one in page.evaluate("said") if one[0].startswith("This is the first")]
+    assert 0.5 < bar < 1
+
+
+def test_an_error_after_the_first_answer_is_said_and_leaves_it(page, api, sample_map, queries):
+    open_page(page, sample_map, api)
+    photo = {"name": QUERY, "mimeType": "image/jpeg", "buffer": (queries / QUERY).read_bytes()}
+    answer = api.ask("POST", f"/maps/{sample_map}/localize", multipart={"file": photo})
+    error = {"code": "disk_full", "message": "the disk is full", "hint": None, "where": None}
+    body = as_events(("first", answer), ("error", {"status": 507, "error": error}))
+    page.route(
+        "**/api/v1/maps/*/localize",
+        lambda route: route.fulfill(body=body, headers={"Content-Type": "text/event-stream"}),
+    )
+    choose(page, queries / QUERY)
+    expect(page.get_by_test_id("error-message")).to_contain_text("The disk is full")
+    expect(entries(page).first).to_be_visible()
+    expect(page.locator("#busy-words")).to_be_hidden()
+    assert axe.findings(page) == []

@@ -458,3 +458,25 @@ def test_nothing_to_stumble_over(open_context, owner, look, mission, send):
         assert axe.findings(page) == []
         assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
         assert page.locator("h1").count() == 1
+
+
+def test_fusion_asks_which_of_several_odometries_is_meant(page, api, mission, send):
+    """The chosen one is corrected, not the longest."""
+    moving = [pose(n) for n in range(20)]
+    for name, step in (("wheels", 1e-5), ("visual", 2e-5)):
+        send(
+            *(
+                {**one, "source": "odometry", "track": name, "lon": PLACE[1] + n * step}
+                for n, one in enumerate(moving)
+            )
+        )
+    send(*moving)
+    page.goto(f"/missions/{mission}")
+    page.locator('[data-does="fuse"]').first.click()
+    dialog = page.get_by_role("dialog", name="Which odometry?")
+    options = dialog.get_by_role("option")
+    expect(options).to_have_count(2)
+    dialog.get_by_role("combobox").select_option(label=options.filter(has_text="wheels").inner_text())
+    dialog.get_by_role("button", name="Fuse").click()
+    expect(page.get_by_text("The corrected track is in place.")).to_be_visible(timeout=WORK_MS)
+    assert api.ask("GET", f"/missions/{mission}/fusion")["odometry_name"] == "wheels"

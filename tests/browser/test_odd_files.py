@@ -3,6 +3,7 @@
 import io
 import re
 
+import numpy as np
 import pytest
 from PIL import Image
 from playwright.sync_api import expect
@@ -112,3 +113,13 @@ def test_files_beside_photos_are_sent_with_them(make_page, api, tmp_path, small_
     (photo,) = api.state(edit.slug)["photos"]
     assert (photo["gps"]["lat"], photo["file_notes"]) == (50.1, ["its position is from a.jpg.xmp"])
     expect(edit.page.locator("#current")).to_contain_text("its position is from a.jpg.xmp")
+
+
+def test_a_photo_of_few_of_its_16_bits_says_that_it_was_stretched(make_page, tmp_path):
+    pixels = np.linspace(7000, 8020, 120 * 90).astype(np.uint16).reshape(90, 120)
+    Image.fromarray(pixels).save(tmp_path / "thermal.png")
+    edit = make_page(0)
+    edit.choose_photos([tmp_path / "thermal.png"])
+    edit.uploaded()
+    edit.page.get_by_text("About this photo").click()
+    expect(edit.current).to_contain_text("its contrast was stretched: nearly all of its 16-bit values")

@@ -48,7 +48,7 @@ def planned(api, sample_folder, small_photos):
 
 def test_spots_are_planned_on_the_image(page, planned):
     EditPage(page, planned).open()
-    page.locator("#place-menu summary").click()
+    page.locator("#add-menu summary").click()
     page.locator("#plan-button").click()
     page.get_by_test_id("plan-count").fill("4")
     page.get_by_test_id("plan-make").click()

@@ -16,20 +16,47 @@ def visitor(open_context):
 
 @pytest.fixture
 def make_link(page, sample_map):
-    """Share the sample map on its settings page and return the address."""
+    """Share the sample map by the dialog of any of its pages and return the address."""
 
     def make(*wishes):
-        page.goto(f"/maps/{sample_map}/settings")
-        page.get_by_test_id("share-new").click()
+        page.goto(f"/maps/{sample_map}/quality")
+        page.get_by_test_id("share-map").click()
         for wish in wishes:
             page.get_by_label(wish).check()
-        page.get_by_role("dialog").get_by_role("button", name="Create the link").click()
+        page.get_by_role("button", name="Create the link").click()
         address = page.get_by_test_id("share-url").input_value()
         assert "/embed/" in page.get_by_test_id("share-embed").input_value()
         page.keyboard.press("Escape")
+        expect(page.get_by_test_id("share")).not_to_have_count(0)
         return address
 
     return make
+
+
+@pytest.mark.parametrize("view", [{"width": 1366, "height": 768}, {"width": 390, "height": 844}])
+def test_people_get_and_lose_access_in_the_same_dialog(page, api, sample_map, view):
+    name = f"guest {view['width']}"
+    api.ask("POST", "/accounts", data={"name": name})
+    page.set_viewport_size(view)
+    page.goto(f"/maps/{sample_map}/edit")
+    page.get_by_test_id("share-map").click()
+    dialog = page.get_by_role("dialog", name="Share this map")
+    dialog.get_by_label("Name of an account").fill("nobody of this name")
+    page.context.watch.expect(404)
+    dialog.get_by_role("button", name="Add").click()
+    expect(dialog.get_by_test_id("error-message").first).to_be_visible()
+    dialog.get_by_label("Name of an account").fill(name)
+    dialog.get_by_role("button", name="Add").click()
+    guest = dialog.get_by_test_id("member").filter(has_text=name)
+    expect(guest).to_be_visible()
+    with page.expect_response(lambda response: response.request.method == "POST"):
+        guest.get_by_role("combobox").select_option("editor")
+    members = api.ask("GET", f"/maps/{sample_map}/members")["members"]
+    assert (name, "editor") in [(member["name"], member["role"]) for member in members]
+    assert axe.findings(page) == []
+    guest.get_by_role("button", name="Stop sharing").click()
+    expect(guest).to_have_count(0)
+    assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
 
 
 def test_a_secret_link_works_and_stops_working(page, visitor, make_link, sample_folder, api, sample_map):
@@ -63,7 +90,7 @@ def test_another_site_shows_it_in_a_frame(visitor, make_link, elsewhere):
 
 
 def test_a_public_map_is_found_without_an_account(make_link, open_context, page, sample_map):
-    make_link("Everyone")
+    make_link("Also list it under public maps")
     phone = open_context(**PHONE).new_page()
     phone.goto("/sign-in")
     phone.get_by_role("link", name="Public maps").click()

@@ -15,7 +15,7 @@ def test_photos_of_an_area_are_counted_added_and_credited(page, api, sample_fold
     streets.shots = [Shot("a1", 50.09775, 14.403), Shot("b2", 50.09475, 14.407)]
     slug = api.make_map("Streets", satellite=sample_folder / "satellite.png", corners=corners)
     edit = EditPage(page, slug).open()
-    page.locator("#place-menu summary").click()
+    page.locator("#add-menu summary").click()
     page.locator("#street-button").click()
     count, add = page.get_by_test_id("street-count"), page.get_by_test_id("street-add")
     count.click()

@@ -16,7 +16,7 @@ from tests.web.conftest import Browser
 from webapp.app.registry import REGISTRY
 from webapp.app.web import create_app
 from webapp.extras import is_installed
-from webapp.files.object_storage import storage
+from webapp.files import contents
 from webapp.jobs.kinds import JobRegistry, Kind
 from webapp.jobs.worker import Worker
 from webapp.store.accounts import accounts
@@ -136,7 +136,7 @@ def test_photos_in_s3_give_the_same_bytes(tmp_path, make_map, quick, s3, on_post
         assert done.result["computed"] == 12
         for path, data in local.items():
             assert not path.exists(), "it is in S3"
-            assert storage.local(path).read_bytes() == data
+            assert contents.local(path).read_bytes() == data
     finally:
-        storage.use(None)
+        contents.use(None)
         library.database.close()

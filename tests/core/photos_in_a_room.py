@@ -6,7 +6,7 @@ import numpy as np
 
 from webapp.core.geometry import so3
 from webapp.core.geometry.relative_pose import RelativePose
-from webapp.core.localize.pose_residuals import VerifiedView
+from webapp.core.localize.pose_refinement import VerifiedView
 from webapp.core.reconstruction.pairs import PhotoPairs, concatenate
 
 RADIUS = 50.0

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tests.standin_models import yunet
-from webapp.core.faces import YuNet
+from webapp.core.detections import YuNet
 
 
 @pytest.fixture

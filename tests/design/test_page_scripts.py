@@ -4,8 +4,7 @@ import re
 
 import pytest
 
-from webapp.web.bundles import bundle_scripts
-from webapp.web.static_files import EVERY_SCRIPT, LIBRARIES
+from webapp.web.static_files import EVERY_SCRIPT, LIBRARIES, bundle_scripts
 
 IMPORT = re.compile(r'^(?:import|export)\s(?:[^;"]*?\sfrom\s)?"([^"]+)";', re.M)
 SCRIPT_LIST = re.compile(r"{% set scripts = (.*?) %}")

@@ -24,8 +24,8 @@ from webapp.tasks.maps import adopt_map
 PHOTOS = 4
 
 STEPS = [
-    Step("webapp.tasks.blur.kept:DetectionCache.add"),
-    Step("webapp.tasks.blur.kept:DetectionCache.add", calls=1, is_after=True),
+    Step("webapp.tasks.blur.find:DetectionCache.add"),
+    Step("webapp.tasks.blur.find:DetectionCache.add", calls=1, is_after=True),
     Step("webapp.tasks.blur.accept:blur_photo"),
     Step("webapp.tasks.maps.show_photo:write_previews"),
     Step("webapp.files.photos.preview:write_bytes", is_after=True),

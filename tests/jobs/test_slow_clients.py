@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 from gunicorn.workers.gthread import PollableMethodQueue
 
-from webapp.jobs.slow_clients import ClientSocket, Connection, PatientWorker
+from webapp.jobs.webserver import ClientSocket, Connection, PatientWorker
 
 
 @pytest.fixture

@@ -5,9 +5,9 @@ import { test } from "node:test";
 import "./page.mjs";
 
 import { placesOf } from "../../static/js/shared/answer/answer-places.js";
-import { isOffMap, QuerySession, ranking } from "../../static/js/shared/answer/query-session.js";
+import { isOffMap, QuerySession, ranking, verdictOf } from "../../static/js/shared/answer/query-session.js";
 
-const { isFaint, isMinor, verdictOf } = await import("../../static/js/shared/answer/verdict.js");
+const { isFaint, isMinor, verdictText } = await import("../../static/js/shared/answer/verdict.js");
 
 const hypothesis = (rank, probability, fields = {}) => ({ rank, probability, x_px: rank, y_px: rank, radius_px: 5, heading_deg: null, experiences: [rank], ...fields });
 const exact = { placement: null, position: () => null };
@@ -37,10 +37,15 @@ test("hypotheses whose photos are in no position of the placement are left out",
   assert.deepEqual(placesOf(null, exact), []);
 });
 
-test("not on this map: no hypothesis, or a higher probability than the first", () => {
-  assert.ok(isOffMap({ hypotheses: [], off_map_probability: null }));
-  assert.ok(isOffMap({ hypotheses: [hypothesis(1, 0.3)], off_map_probability: 0.5 }));
-  assert.ok(!isOffMap({ hypotheses: [hypothesis(1, 0.3)], off_map_probability: null }));
+test("the server's verdict says whether a photo is on the map", () => {
+  const answer = (verdict) => ({ hypotheses: [hypothesis(1, 0.3)], off_map_probability: 0.5, verdict });
+  assert.deepEqual(["off_map", "perhaps_off_map", "nothing_to_see"].filter((verdict) => !isOffMap(answer(verdict))), []);
+  assert.deepEqual(["place", "perhaps_place"].filter((verdict) => isOffMap(answer(verdict))), []);
+});
+
+test("an answer that was kept without a verdict is uncertain; without a place it is not on this map", () => {
+  assert.equal(verdictOf({ hypotheses: [hypothesis(1, 0.9)] }), "perhaps_place");
+  assert.ok(isOffMap({ hypotheses: [] }));
 });
 
 test("a position that is given by hand comes before the hypothesis until another one is chosen", () => {
@@ -63,12 +68,10 @@ test("not on this map is listed by its probability, never above other places tha
   assert.equal(order([0.6], null, 0.4), "place other");
 });
 
-test("pages and terminal call the same answers uncertain", () => {
-  for (const { probability, off_map: off, verdict } of JSON.parse(readFileSync("tests/render/verdicts.json", "utf8"))) {
-    assert.equal(verdictOf({ hypotheses: [hypothesis(1, probability)], off_map_probability: off }), verdict);
-  }
-  assert.equal(verdictOf({ hypotheses: [], off_map_probability: 1 }), "off_map");
-  assert.equal(verdictOf({ hypotheses: [], off_map_probability: null, verdict: "nothing_to_see" }), "nothing_to_see");
+test("each verdict of the terminal has a sentence on the pages", () => {
+  const verdicts = JSON.parse(readFileSync("tests/render/verdicts.json", "utf8")).map(({ verdict }) => verdict);
+  const sentences = new Map([...verdicts, "nothing_to_see"].map((verdict) => [verdict, verdictText({ hypotheses: [], verdict })]));
+  assert.deepEqual([sentences.size, new Set(sentences.values()).size], [5, 5]);
 });
 
 test("places are hollow where something else leads, or where they are improbable; shares of votes never are", () => {

@@ -313,6 +313,8 @@ export interface components {
             gps_problem?: string | null;
             /** @description of the photo in the map */
             id?: number;
+            /** @description it looks like a plan or satellite image, which may be the map's image */
+            is_plan?: boolean;
             /** @description that takes it into the index */
             job?: number | null;
             name?: string;
@@ -836,6 +838,8 @@ export interface components {
             gps_problem?: string | null;
             /** @description of the photo in the map */
             id?: number;
+            /** @description it looks like a plan or satellite image, which may be the map's image */
+            is_plan?: boolean;
             /** @description that takes it into the index */
             job?: number | null;
             name?: string;
@@ -2031,6 +2035,8 @@ export interface components {
             query: number | null;
         };
         ShareList: {
+            /** @description Whether the map has landmarks, which a share can include. */
+            in_3d?: boolean;
             shares?: components["schemas"]["ShareOut"][];
         };
         ShareOut: {
@@ -2243,6 +2249,8 @@ export interface components {
             gps_problem?: string | null;
             /** @description of the photo in the map */
             id?: number;
+            /** @description it looks like a plan or satellite image, which may be the map's image */
+            is_plan?: boolean;
             /** @description that takes it into the index */
             job?: number | null;
             name?: string;

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from webapp.core.geometry.camera_pose import CameraPose
+from webapp.core.hypotheses.model import CameraPose
 from webapp.render.evaluation_folder import COLUMNS
 from webapp.tasks.evaluation.evaluate import to_json
 

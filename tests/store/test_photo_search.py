@@ -11,7 +11,7 @@ from webapp.core.retrieval.photo_vectors import DIMENSIONS, Basis
 from webapp.store.backends import photo_search
 from webapp.store.database import Database
 from webapp.store.maps import photo_vectors
-from webapp.tasks.find.rank_maps import likeness
+from webapp.tasks.find.find_map import likeness
 
 MAPS, PHOTOS = 12, 40
 

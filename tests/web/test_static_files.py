@@ -7,7 +7,7 @@ import shutil
 import pytest
 
 from webapp.resources import resource_folder
-from webapp.web import bundles, static_files
+from webapp.web import static_files
 
 GZIP = {"Accept-Encoding": "gzip, deflate, br"}
 ADDRESS = re.compile(r'(?:src|href)="(/static/[^"#]+)')
@@ -83,7 +83,7 @@ def test_each_module_is_in_a_bundle_once_and_after_what_it_imports(tmp_path):
     (tmp_path / "a.js").write_text('import { b } from "./b.js";\nimport { c as d } from "./c.js";\nb(d);\n')
     (tmp_path / "b.js").write_text('import "./c.js";\nexport function b() {}\n')
     (tmp_path / "c.js").write_text("export const c = 1;\n")
-    made = bundles.bundle_scripts(tmp_path, ["b.js", "a.js"])
+    made = static_files.bundle_scripts(tmp_path, ["b.js", "a.js"])
     assert re.findall(r"^// (\w)\.js$", made, re.M) == ["c", "b", "a"]
     assert "const { c: d } = $$0;" in made and "$$1 = { b };" in made
     assert "import" not in made and "export" not in made
@@ -92,7 +92,7 @@ def test_each_module_is_in_a_bundle_once_and_after_what_it_imports(tmp_path):
 def test_libraries_stay_imports_each_once(tmp_path):
     (tmp_path / "a.js").write_text('import { Box, Line as Bar } from "three";\nexport const a = Bar;\n')
     (tmp_path / "b.js").write_text('import { a } from "./a.js";\nimport { Box } from "three";\nnew Box(a);\n')
-    made = bundles.bundle_scripts(tmp_path, ["b.js"])
+    made = static_files.bundle_scripts(tmp_path, ["b.js"])
     assert made.startswith('import * as $lib0 from "three";\n// a.js\n')
     assert made.count("import ") == 1
     assert "const { Box, Line: Bar } = $lib0;" in made
@@ -105,11 +105,11 @@ def test_indentation_and_comments_of_whole_lines_are_left_out_and_nothing_else(t
         '  return a /* here */ + "// no comment";\n}\n/* one line */\nb(1);\n'
     )
     (tmp_path / "a.js").write_text(source)
-    made = bundles.bundle_scripts(tmp_path, ["a.js"])
+    made = static_files.bundle_scripts(tmp_path, ["a.js"])
     body = 'function b(a) { // why\nreturn a /* here */ + "// no comment";\n}\nb(1);\n'
     assert made == f"// a.js\nlet $$0;\n{{\n{body}\n$$0 = {{ b }};\n}}\n"
     (tmp_path / "a.css").write_text("/* why\n */\na { color: red; } /* here */\n  /* b */\nb { top: 0; }\n")
-    sheet = bundles.bundle_sheets(tmp_path, ["a.css"], base="/")
+    sheet = static_files.bundle_sheets(tmp_path, ["a.css"], base="/")
     assert sheet == "a { color: red; } /* here */\nb { top: 0; }\n\n"
 
 
@@ -118,7 +118,7 @@ def test_no_text_of_a_script_loses_a_line_for_a_comment():
     for path in sorted((resource_folder("static") / "js").rglob("*.js")):
         source = path.read_text("utf-8")
         kept = [re.sub(r"\n[ \t]+", "\n", text) for text in texts.findall(source)]
-        assert set(texts.findall(bundles.shortened(source))) <= set(kept), path.name
+        assert set(texts.findall(static_files.shortened(source))) <= set(kept), path.name
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_no_text_of_a_script_loses_a_line_for_a_comment():
 def test_a_module_that_cannot_be_bundled_is_refused(tmp_path, source):
     (tmp_path / "a.js").write_text(source)
     with pytest.raises(ValueError, match=r"a\.js"):
-        bundles.bundle_scripts(tmp_path, ["a.js"])
+        static_files.bundle_scripts(tmp_path, ["a.js"])
 
 
 def test_pictures_of_style_sheets_are_found(stranger, addresses):

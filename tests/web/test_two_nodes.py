@@ -9,6 +9,7 @@ from sqlalchemy import inspect, text
 
 from tests.quick_apps import remember_templates
 from webapp.app.web import create_app
+from webapp.files import contents
 from webapp.files.object_storage import storage
 from webapp.settings import ServeSettings, WebSettings
 from webapp.store.accounts import accounts, sign_in
@@ -33,7 +34,7 @@ def start(postgresql, tmp_path):
         return app
 
     yield make
-    storage.use(None)
+    contents.use(None)
     for library in opened:
         library.database.close()
     postgresql.drop(url)

@@ -190,15 +190,15 @@ account_group = LazyGroup(
     name="account",
     help="Manage accounts, sign-in links and tokens.",
     commands={
-        "link": LazyCommand("webapp.cli.account:link", "Print a one-time sign-in link."),
+        "link": LazyCommand("webapp.cli.library:link", "Print a one-time sign-in link."),
         "token": LazyCommand(
-            "webapp.cli.account:token", "Print a token for a program: `Authorization: Bearer TOKEN`."
+            "webapp.cli.library:token", "Print a token for a program: `Authorization: Bearer TOKEN`."
         ),
         "add": LazyCommand(
-            "webapp.cli.account:add", "Create an account, and print a one-time sign-in link for it."
+            "webapp.cli.library:add", "Create an account, and print a one-time sign-in link for it."
         ),
         "list": LazyCommand(
-            "webapp.cli.account:list_accounts",
+            "webapp.cli.library:list_accounts",
             "List all accounts: name, whether it owns the library, and date of creation.",
         ),
     },
@@ -249,7 +249,7 @@ library_group = LazyGroup(
     help="Move a library to another database or storage.",
     commands={
         "move": LazyCommand(
-            "webapp.cli.operate.move:move",
+            "webapp.cli.operate:move",
             "Move the records of a library from SQLite to PostgreSQL, or its photos into S3, or back.",
         )
     },
@@ -310,15 +310,11 @@ root = LazyGroup(
             "webapp.cli.settings:settings", "Print the value of each setting and where it comes from."
         ),
         "doctor": LazyCommand(
-            "webapp.cli.operate.doctor:doctor",
+            "webapp.cli.operate:doctor",
             "Check this installation and a library, and say what to do.",
         ),
-        "backup": LazyCommand(
-            "webapp.cli.operate.backup:backup", "Back up a whole library to FILE, a zip archive."
-        ),
-        "restore": LazyCommand(
-            "webapp.cli.operate.backup:restore", "Restore a library from the backup FILE."
-        ),
+        "backup": LazyCommand("webapp.cli.operate:backup", "Back up a whole library to FILE, a zip archive."),
+        "restore": LazyCommand("webapp.cli.operate:restore", "Restore a library from the backup FILE."),
         "library": LazyCommand(
             "webapp.app.main:library_group", "Move a library to another database or storage."
         ),

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from webapp.configuration import load_settings
-from webapp.files.object_storage.connect import connect
-from webapp.files.object_storage.marker import settings_at
+from webapp.files.contents import connect, settings_at
 from webapp.settings import Settings
 
 if TYPE_CHECKING:

@@ -18,8 +18,7 @@ from webapp.core.hypotheses.jsonform import failure_to_json
 from webapp.errors import PhotoError
 from webapp.settings import keep_freed_memory
 from webapp.store.schema import MapRecord
-from webapp.tasks.find.find_map import LibrarySearch, MapSearch, find_map, search_json
-from webapp.tasks.find.rank_maps import MapRanking
+from webapp.tasks.find.find_map import LibrarySearch, MapRanking, MapSearch, find_map, search_json
 from webapp.tasks.localize.map_cache import MapCache
 from webapp.tasks.localize.upload import UploadedPhoto
 

@@ -1,4 +1,4 @@
-"""Helpers of commands on a library: the option `--library`, and opening the library."""
+"""The library of a command, and its accounts: `expmap account`."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ from pathlib import Path
 from typing import TypeVar
 
 import click
+from sqlalchemy.orm import Session
 
 from webapp.configuration import load_settings
 from webapp.errors import NotFound
 from webapp.settings import Settings
+from webapp.store.accounts import accounts, sign_in
 from webapp.store.library import Library, has_library, open_library
+from webapp.store.schema import Account
 from webapp.tasks.operate.open_storage import open_storage
 
 Command = TypeVar("Command", bound=Callable[..., object])
@@ -64,3 +67,88 @@ def existing_library(settings: Settings) -> Iterator[Library]:
         )
     with opened_library(settings) as library:
         yield library
+
+
+_ADDRESS = "http://127.0.0.1:8000"
+
+
+def _url_option(command: Callable[..., None]) -> Callable[..., None]:
+    return click.option(
+        "--url", default=_ADDRESS, show_default=True, metavar="URL", help="Address of the server."
+    )(command)
+
+
+def _account_option(command: Callable[..., None]) -> Callable[..., None]:
+    return click.option(
+        "--account", metavar="NAME", help="The account.  [default: the owner of the library]"
+    )(command)
+
+
+@click.command()
+@_account_option
+@_url_option
+@library_option
+def link(account: str | None, url: str, library: Path | None) -> None:
+    """Print a one-time sign-in link.
+
+    For a new user, or for one who can no longer sign in.
+    """
+    settings = load_settings()
+    with _writing(library) as session:
+        token = sign_in.new_link(session, _account_named(session, account), hours=settings.web.link_hours)
+    click.echo(_link(url, token))
+
+
+@click.command()
+@click.option("--name", required=True, metavar="NAME", help="Name of the program that will use it.")
+@click.option("--replace", "again", is_flag=True, help="Revoke an existing token of that name first.")
+@_account_option
+@library_option
+def token(name: str, again: bool, account: str | None, library: Path | None) -> None:
+    """Print a token for a program: `Authorization: Bearer TOKEN`."""
+    with _writing(library) as session:
+        whose = _account_named(session, account)
+        for known in accounts.tokens(session, whose):
+            if again and known.name == name:
+                accounts.revoke_token(session, whose, token_id=known.id)
+                session.flush()
+        made = accounts.new_token(session, whose, name=name)
+    click.echo(made)
+
+
+@click.command()
+@click.argument("name")
+@click.option("--owner", is_flag=True, help="Make it an owner of the whole library, who may do everything.")
+@_url_option
+@library_option
+def add(name: str, owner: bool, url: str, library: Path | None) -> None:
+    """Create an account, and print a one-time sign-in link for it."""
+    settings = load_settings()
+    with _writing(library) as session:
+        made = accounts.create(session, name, is_owner=owner)
+        token = sign_in.new_link(session, made, hours=settings.web.link_hours)
+    click.echo(_link(url, token))
+
+
+@click.command("list")
+@library_option
+def list_accounts(library: Path | None) -> None:
+    """List all accounts: name, whether it owns the library, and date of creation."""
+    with _writing(library) as session:
+        for account in accounts.list_accounts(session):
+            what = "owner" if account.is_owner else "-"
+            click.echo(f"{account.name}\t{what}\t{account.created_at:%Y-%m-%d}")
+
+
+@contextmanager
+def _writing(folder: Path | None) -> Iterator[Session]:
+    with opened_library(library_settings(folder)) as library, library.database.write() as session:
+        yield session
+
+
+def _account_named(session: Session, name: str | None) -> Account:
+    return accounts.ensure_owner(session) if name is None else accounts.named(session, name)
+
+
+def _link(url: str, token: str) -> str:
+    return f"{url.rstrip('/')}/sign-in/{token}"

@@ -22,7 +22,7 @@ from webapp.tasks.landmarks.accept import (
 )
 from webapp.tasks.landmarks.place_rest import RestReport, suggest_rest
 from webapp.tasks.landmarks.stored import as_json as report_as_json
-from webapp.tasks.photo_plan.words import direction_of
+from webapp.tasks.photo_plan import direction_of
 
 
 @click.command("place-rest", short_help="Place the photos in the tray using those already placed.")

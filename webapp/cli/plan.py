@@ -15,9 +15,15 @@ from webapp.errors import UsageError
 from webapp.files.atomic import write_pieces
 from webapp.files.exchange.walk import format_walk_gpx
 from webapp.files.maps.folder import read_map
-from webapp.tasks.photo_plan import planning
-from webapp.tasks.photo_plan.planning import MOST_SPOTS, MapTrials, PlanRequest
-from webapp.tasks.photo_plan.words import ENGLISH, directions_of, walk_of
+from webapp.tasks import photo_plan
+from webapp.tasks.photo_plan import (
+    ENGLISH,
+    MOST_SPOTS,
+    MapTrials,
+    PlanRequest,
+    directions_of,
+    walk_of,
+)
 
 _BY = {
     "evaluation": "by the evaluation of {n} photos",
@@ -60,9 +66,9 @@ def plan(
     area.
     """
     map_ = read_map(cfg)
-    trials = planning.trials_of(map_, cfg) if evaluation is None else _trials(map_, evaluation)
+    trials = photo_plan.trials_of(map_, cfg) if evaluation is None else _trials(map_, evaluation)
     request = PlanRequest(spots, None if within is None else Rectangle(*within))
-    found = planning.plan_json(planning.plan_photos(map_, trials=trials, request=request))
+    found = photo_plan.plan_json(photo_plan.plan_photos(map_, trials=trials, request=request))
     if gpx is not None:
         walk = walk_of(found)
         write_pieces(gpx, format_walk_gpx(walk, title=f"{map_.title or cfg.resolve().parent.name}: photos"))
@@ -73,7 +79,7 @@ def plan(
 def _trials(map_: Map, file: Path) -> MapTrials:
     try:
         forms = json.loads(file.read_text(encoding="utf-8"))
-        return planning.trials_from_evaluation(map_, forms if isinstance(forms, list) else [forms])
+        return photo_plan.trials_from_evaluation(map_, forms if isinstance(forms, list) else [forms])
     except (ValueError, KeyError, TypeError) as error:
         raise UsageError(
             "this is not an evaluation of a map", where=str(file), hint="run expmap evaluate --self --json"

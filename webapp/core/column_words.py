@@ -28,7 +28,10 @@ _POSITION = {
 }  # fmt: skip
 UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "excel": EXCEL_DAYS},
+    "nanos": {"ns": 1e-9, "us": 1e-6, "ms": 1e-3},
     "date": {"": 0.0, **DATE_ORDERS},
+    "week": {"1": 1.0},
+    "tow": {"s": 1.0, "ms": 1e-3},
     "lat": _POSITION,
     "lon": _POSITION,
     "lat_ref": {"": 1.0},
@@ -123,29 +126,50 @@ NAMES: dict[str, Sequence[str]] = {
     "time": _words(
         "time timestamp timestamps stamp t utc datetime date_time date_and_time unixtime unix_time epoch "
         "times utc_t utc_time time_utc gmt_time datetime_utc utc_datetime timestamp_utc gps_time gpst "
+        "header_stamp_sec header_stamp_secs stamp_sec stamp_secs secs "
+        "unix_timestamp timestamp_unix epoch_time time_epoch posix_time system_time ros_time header_stamp "
+        "capture_time sample_time fix_time log_time recorded_at measured_at elapsed elapsed_time flight_time "
+        "osd_flytime custom_updatetime "
         "local_time time_local datetime_local frame_id gpsdatetime zeit "
         "uhrzeit zeitpunkt zeitstempel datum_zeit datum/zeit datum_uhrzeit datum_und_uhrzeit cas "
         "datum_cas datum_a_cas casova_znacka casove_razitko tiempo hora fecha_hora fecha_y_hora "
-        "marca_de_tiempo marca_temporal temps heure date_heure date_et_heure horodatage"
+        "marca_de_tiempo marca_temporal temps heure date_heure date_et_heure horodatage czas znacznik_czasu "
+        "data_i_godzina ora data_ora"
     ),
-    "date": _words("date utc_d utc_date date_utc gps_date local_date date_local datum fecha"),
+    "date": _words("date utc_d utc_date date_utc gps_date local_date date_local custom_date datum fecha"),
+    "nanos": _words(
+        "nanos nanosec nanosecs nsec nsecs stamp_nsec stamp_nsecs stamp_nanosec header_stamp_nsec "
+        "header_stamp_nsecs header_stamp_nanosec"
+    ),
+    "week": _words(
+        "week weeks gps_week gpsweek gps_wk gwk gps_wn wn weekno week_no week_number gps_week_number wnum"
+    ),
+    "tow": _words(
+        "tow gps_tow gpstow sow gps_sow itow i_tow gms time_of_week gps_time_of_week seconds_of_week "
+        "second_of_week sec_of_week secs_of_week seconds_in_week seconds_into_week sec_in_week ms_of_week "
+        "week_seconds week_second week_sec weeksec weekseconds week_time gps_seconds gps_second gps_secs "
+        "gps_sec gpsseconds gpssecond gpssec gps_milliseconds gps_ms gps_week_seconds"
+    ),
     "lat": _words(
         "lat latitude gps_lat gps_latitude gpslatitude latitude_n/s osd_latitude breite breitengrad "
         "geogr_breite geografische_breite geographische_breite nordliche_breite sirka zemepisna_sirka "
-        "zem_sirka z_sirka latitud latitudine"
+        "zem_sirka z_sirka sev_sirka severni_sirka latitud latitudine szerokosc szerokosc_geograficzna "
+        "szer_geogr lat_wgs84 latitude_wgs84 x_lat y/latitude"
     ),
     "lon": _words(
         "lon lng long longitude gps_lon gps_lng gps_long gps_longitude gpslongitude longitude_e/w "
         "osd_longitude lange laenge langengrad laengengrad geogr_lange geogr_laenge geografische_lange "
         "geographische_lange geographische_laenge ostliche_lange delka zemepisna_delka zem_delka z_delka "
-        "longitud longitudine"
+        "vych_delka vychodni_delka longitud longitudine dlugosc dlugosc_geograficzna dl_geogr lon_wgs84 "
+        "lng_wgs84 longitude_wgs84 x/longitude"
     ),
     "lat_ref": _words("n/s ns n_s lat_ref latitude_ref gpslatituderef lat_dir"),
     "lon_ref": _words("e/w ew e_w lon_ref longitude_ref gpslongituderef lon_dir"),
     "height": _words(
         "height alt altitude ele elevation gps_altitude gpsaltitude altitude_above_sealevel "
         "altitude_above_sea_level altitude_msl osd_altitude hohe hoehe gps_hohe hohe_uber_nn "
-        "hohe_uber_meer meereshohe vyska nadmorska_vyska altura altitud elevacion cota hauteur"
+        "hohe_uber_meer meereshohe vyska nadmorska_vyska altura altitud elevacion cota hauteur wysokosc "
+        "wysokosc_npm altitudine quota"
     ),
     "heading": _words(
         "heading hdg course bearing azimuth cog compass_heading true_heading kurs fahrtrichtung peilung "
@@ -186,13 +210,23 @@ PHOTO_NAMES: dict[str, Sequence[str]] = {
         "name photo photo_name file filename file_name sourcefile source_file path image image_name img "
         "picture title bild bildname foto fotoname datei dateiname fotka fotografie snimek obrazek soubor "
         "nazev jmeno nazev_souboru jmeno_souboru fotografia imagen archivo nombre nombre_de_archivo "
-        "fichier nom nom_de_fichier nom_du_fichier"
+        "fichier nom nom_de_fichier nom_du_fichier photographie imagename photoname image_filename label "
+        "fichero photoid photo_id bilddatei fotodatei name_des_bildes nazev_snimku nazev_fotky "
+        "nazev_fotografie nazev_obrazku jmeno_fotky jmeno_snimku nombre_de_la_foto nombre_de_la_imagen "
+        "nombre_de_imagen nombre_de_foto nom_de_la_photo nom_de_l'image nom_image nom_photo zdjecie plik "
+        "nazwa nazwa_pliku immagine nome nome_file"
     ),
     "lat": NAMES["lat"],
     "lon": NAMES["lon"],
     "lat_ref": _words("lat_ref gpslatituderef"),
     "lon_ref": _words("lon_ref gpslongituderef"),
-    "x": _words("x px pixel_x column"),
-    "y": _words("y py pixel_y row"),
-    "heading": (*NAMES["heading"], *_words("yaw direction richtung direccion gpsimgdirection")),
+    "x": _words("x px pixel_x column x/easting x/east easting geo_x"),
+    "y": _words("y py pixel_y row y/northing y/north northing geo_y"),
+    "heading": (
+        *NAMES["heading"],
+        *_words(
+            "yaw direction richtung blickrichtung ausrichtung natoceni direccion orientacion orientation "
+            "gpsimgdirection"
+        ),
+    ),
 }

@@ -58,6 +58,7 @@ _AFTER_WORD = re.compile(
 )
 """A unit after a name; those that are words themselves (`min`, `in`) only count in brackets."""
 
+_CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 LONGEST_HEADER = 100
 """Characters; a longer cell is no header, and taking it apart could take quadratic time."""
@@ -108,6 +109,8 @@ def parse_columns(text: str, header: Sequence[str], *, fields: ColumnFields = PO
     problem = _missing(found, fields)
     if 0 < sum(f"q{axis}" in found for axis in "xyzw") < len("xyzw"):
         problem = "the quaternion is incomplete"
+    if ("week" in found) != ("tow" in found):
+        problem = "a time of GPS needs both week and tow, the seconds of the week"
     if problem:
         raise UsageError(problem, where="columns", hint=f"write them like {fields.example}")
     return found
@@ -122,8 +125,13 @@ class Header(NamedTuple):
 
 
 def read_header(name: str, *, fields: ColumnFields = POSE_FIELDS) -> Header:
-    """Recognise a field and a unit: `timestamp_ms`, `Latitude [deg]`, `Höhe (m)`, `t/s` ..."""
-    plain = _header(name)
+    """Recognise a field and a unit: `timestamp_ms`, `Latitude [deg]`, `Höhe (m)`, `timeNanos` ..."""
+    found = _read_plain(_header(name), fields)
+    return found if found.field else _read_plain(_header(_CAMEL.sub("_", name)), fields)
+
+
+def _read_plain(plain: str, fields: ColumnFields) -> Header:
+    plain = plain.removeprefix("field.")  # as `rostopic echo -p` writes
     words = set(re.findall(r"[a-z]+", plain))
     basis = 1 if words & UTC_WORDS else -1 if words & LOCAL_WORDS else 0
     whole = _recognized(plain, fields)
@@ -136,11 +144,16 @@ def read_header(name: str, *, fields: ColumnFields = POSE_FIELDS) -> Header:
         unit = parts[2].strip() if _spelled(parts[2]) else None
         field = _recognized(parts[1], fields)
         if field is None and pattern is _IN_BRACKETS:  # `time_utc (ms)` or `timestamp_ms (UTC)`
-            inner = read_header(parts[1], fields=fields)
+            inner = _read_plain(parts[1], fields)
             field, unit = inner.field, unit or inner.unit
         if field is not None:
             return Header(field, unit, basis)
     return Header(None, None, basis)
+
+
+def is_header(cell: str) -> bool:
+    """Return whether a cell is a known header of some table."""
+    return any(read_header(cell, fields=fields).field for fields in (POSE_FIELDS, PHOTO_FIELDS))
 
 
 def guess_columns(
@@ -167,6 +180,9 @@ def guess_columns(
             unknown.setdefault(field, (name.strip(), str(unit)))
         else:
             found[field] = Column(index, scale)
+    for pair in (("lat", "lon"), ("x", "y")):
+        if len(found.keys() & {"lat", "lon", "x", "y"}) == 3 and len(found.keys() & set(pair)) == 1:
+            found = {field: column for field, column in found.items() if field not in pair}
     for field, (name, unit) in unknown.items():
         if field in found:
             continue
@@ -208,7 +224,8 @@ def _spelled(text: str) -> str:
 def _plain(text: str) -> str:
     """Return a header in lower case without accents and marks of comments."""
     parts = unicodedata.normalize("NFKD", text.strip().lstrip("#%").strip().lower().replace("º", "°"))
-    return "".join(one for one in parts if not unicodedata.combining(one)).replace("ß", "ss")
+    plain = "".join(one for one in parts if not unicodedata.combining(one))
+    return plain.replace("ß", "ss").replace("ł", "l")
 
 
 def _header(cell: str) -> str:

@@ -205,3 +205,131 @@ def _is_same(one: Detection, other: Detection) -> bool:
 def _around(a: BlurBox, b: BlurBox) -> BlurBox:
     x, y = min(a.x, b.x), min(a.y, b.y)
     return BlurBox(x, y, max(a.x + a.width, b.x + b.width) - x, max(a.y + a.height, b.y + b.height) - y)
+
+
+_FACE_SIZE = (640, 640)
+"""Input size of the published model; it finds faces of about 10 to 300 pixels."""
+
+_FACE_OVERLAP_PX = 128
+_FACE_LEAST_SCORE = 0.6
+_FACE_OVERLAP = 0.3
+"""Of two faces that overlap by more, only the better one is kept."""
+
+_MOST_FACES = 200
+
+
+class YuNet:
+    """YuNet by OpenCV.
+
+    Args:
+        model: ONNX, as published in the OpenCV Zoo.
+    """
+
+    def __init__(self, model: bytes) -> None:
+        self._model = np.frombuffer(model, np.uint8)
+
+    def detect(self, pixels: NDArray[np.uint8], *, check: Callable[[], None] = never) -> list[Detection]:
+        """Find faces."""
+        # not shared: a network of OpenCV serves one thread at a time; this one loads in milliseconds
+        network = cv2.FaceDetectorYN.create(
+            "onnx",
+            self._model,
+            np.zeros(0, np.uint8),
+            _FACE_SIZE,
+            _FACE_LEAST_SCORE,
+            _FACE_OVERLAP,
+            _MOST_FACES,
+        )
+
+        def look(part: NDArray[np.uint8]) -> WindowDetections:
+            found = network.detect(part)[1]
+            rows = np.zeros((0, 15)) if found is None else np.asarray(found, np.float64)
+            return WindowDetections(np.hstack([rows[:, :2], rows[:, :2] + rows[:, 2:4]]), rows[:, 14])
+
+        return detect_in_windows(
+            pixels, look, kind="face", size=_FACE_SIZE, overlap=_FACE_OVERLAP_PX, check=check
+        )
+
+
+PLATE_SIZE = (320, 240)
+"""Width and height of the images that the published file takes."""
+
+_LAYERS = ((8, (10, 16, 24)), (16, (32, 48)), (32, (64, 96)), (64, (128, 192, 256)))
+"""Stride of each layer, and the sizes of its plate_priors, in pixels."""
+
+_VARIANCE = 0.1
+"""Unit of corner offsets, over a prior's size; the other variance, 0.2, is of widths, which are not used."""
+
+_CORNERS = (4, 6, 10, 12)
+"""Columns of the corners' x; 0 to 3 are a box, and 8 and 9 its centre."""
+
+_OUTPUTS = ("loc", "conf", "iou")
+_PLATE_LEAST_SCORE = 0.6
+_PLATE_OVERLAP = 0.3
+"""Of two plates that overlap by more, only the better one is kept."""
+
+_PLATE_OVERLAP_PX = 96
+
+
+def plate_priors(width: int, height: int) -> NDArray[np.float64]:
+    """List the prior boxes that a network for images of this size refines.
+
+    Returns:
+        (n, 3) float64: Centre and side in pixels; by layer, row, column and size.
+    """
+    shape = np.array([(height + 1) // 2 // 2, (width + 1) // 2 // 2])
+    found = []
+    for stride, sides in _LAYERS:
+        shape = shape // 2
+        rows, columns = shape.tolist()
+        y, x, side = np.meshgrid(np.arange(rows), np.arange(columns), np.array(sides), indexing="ij")
+        found.append(np.stack([(x + 0.5) * stride, (y + 0.5) * stride, side], axis=-1).reshape(-1, 3))
+    return np.concatenate(found).astype(np.float64)
+
+
+def decode_plates(outputs: Sequence[NDArray[np.float32]], at: NDArray[np.float64]) -> WindowDetections:
+    """Convert the network's outputs to boxes around the corners of plates.
+
+    Args:
+        outputs: sequence of (n, 14), (n, 2) and (n, 1) float32. `loc`, `conf`, `iou`: for each prior,
+            position of the plate, score of there being one and of its box.
+        at: (n, 3) float64. As from `plate_priors`.
+
+    Returns:
+        Those above the minimum score, each plate once, the best first.
+    """
+    loc, conf, iou = outputs
+    scores = np.sqrt(conf[:, 1].astype(np.float64) * np.clip(iou[:, 0].astype(np.float64), 0, 1))
+    sure = np.flatnonzero(scores >= _PLATE_LEAST_SCORE)
+    x, y = (
+        at[sure, axis, None] + loc[sure][:, [c + axis for c in _CORNERS]] * _VARIANCE * at[sure, 2:3]
+        for axis in (0, 1)
+    )
+    boxes = np.stack([x.min(1), y.min(1), x.max(1), y.max(1)], axis=1).astype(np.float64)
+    best = non_maximum_suppression(boxes, scores[sure], overlap=_PLATE_OVERLAP)
+    return WindowDetections(boxes[best], scores[sure][best])
+
+
+class LpdYuNet:
+    """LPD-YuNet by OpenCV.
+
+    Args:
+        model: ONNX, as published in the OpenCV Zoo.
+    """
+
+    def __init__(self, model: bytes) -> None:
+        self._model = np.frombuffer(model, np.uint8)
+        self._priors = plate_priors(*PLATE_SIZE)
+
+    def detect(self, pixels: NDArray[np.uint8], *, check: Callable[[], None] = never) -> list[Detection]:
+        """Find number plates."""
+        network = cv2.dnn.readNetFromONNX(self._model)  # not shared between threads, as for faces
+
+        def look(part: NDArray[np.uint8]) -> WindowDetections:
+            network.setInput(cv2.dnn.blobFromImage(part))
+            outputs = [np.asarray(array, np.float32) for array in network.forward(_OUTPUTS)]
+            return decode_plates(outputs, self._priors)
+
+        return detect_in_windows(
+            pixels, look, kind="plate", size=PLATE_SIZE, overlap=_PLATE_OVERLAP_PX, check=check
+        )

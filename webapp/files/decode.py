@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
 
+import cv2
 import numpy as np
 import pillow_heif
 from numpy.typing import NDArray
@@ -56,6 +57,10 @@ _BULK = (0.001, 0.999)
 """Quantiles of the values in use; single pixels may be hot or dead."""
 
 _ROWS = 256
+_COLOURS = 3
+_OF_16_BITS = "file of 16 bits per colour"
+"""In `info` of an opened image: Pillow forgets this, and the file, when it decodes."""
+
 
 _COLOURS_LEFT_OUT = {"LAB": "CIELab", "HSV": "HSV"}
 """Modes of Pillow that cannot be converted, and what they are."""
@@ -102,6 +107,8 @@ def open_image(source: Path | bytes, *, limits: PhotoLimits) -> Iterator[Image.I
                 _check_tiles(image)
                 if image.format in ("JPEG", "MPO"):
                     check_scans(source)
+                if not image.mode.startswith("I") and any(";16" in str(tile) for tile in image.tile):
+                    image.info[_OF_16_BITS] = source
                 yield image
         except PhotoError as error:
             raise PhotoError(error.message, where=where, hint=error.hint) from error
@@ -112,7 +119,11 @@ def open_image(source: Path | bytes, *, limits: PhotoLimits) -> Iterator[Image.I
         except Image.DecompressionBombError as error:
             raise PhotoError("it has far too many pixels", where=where) from error
         except OSError as error:
-            raise PhotoError(f"it cannot be read: {error.strerror or error}", where=where) from error
+            if error.strerror is None:  # of the decoder, not of the disk
+                raise PhotoError(
+                    "the file is damaged, or its end is missing", where=where, hint="copy or send it again"
+                ) from error
+            raise PhotoError(f"it cannot be read: {error.strerror}", where=where) from error
         except DAMAGED as error:
             raise PhotoError(f"it is damaged: {error}", where=where) from error
 
@@ -148,10 +159,11 @@ def contrast_note(source: Path | bytes, *, limits: PhotoLimits) -> str | None:
     Raises PhotoError.
     """
     with open_image(source, limits=limits) as image:
-        if not (image.mode.startswith("I;16") or image.mode == "I"):
+        colours = _dark_colours(image)
+        if colours is None and not (image.mode.startswith("I;16") or image.mode == "I"):
             return None
         image.load()
-        values = np.asarray(image)
+        values = np.asarray(image) if colours is None else colours
         if values.max(initial=0) >= 65536 or values.min(initial=0) < 0:
             return None
         found = _small_range([values[top : top + _ROWS] for top in range(0, len(values), _ROWS)])
@@ -176,10 +188,40 @@ def decode(image: Image.Image, mode: Literal["L", "RGB"]) -> Pixels:
     if mode == "L" and image.format in ("JPEG", "MPO") and image.mode == "RGB":
         # decode the stored luma itself rather than convert it to colours and back to grey
         image.draft("L", image.size)
+    colours = _dark_colours(image)
     image.load()
-    if image.mode.startswith("I;16") or image.mode in ("I", "F"):
+    if colours is not None:
+        image = Image.fromarray(_eight_bits(colours, sixteen=True).reshape(image.height, image.width, 3))
+    elif image.mode.startswith("I;16") or image.mode in ("I", "F"):
         image = Image.fromarray(_eight_bits(np.asarray(image), sixteen=image.mode != "F"))
     return _converted(image, mode)
+
+
+def _dark_colours(image: Image.Image) -> NDArray[np.uint16] | None:
+    """Return the colours of an opened image of 16 bits per colour if it uses a small range of them.
+
+    Pillow keeps the upper eight bits of colours, which leave nothing of them.
+
+    Returns:
+        (h, 3 w): red, green and blue of each pixel of a row.
+    """
+    source = image.info.get(_OF_16_BITS)
+    if source is None:
+        return None
+    image.load()
+    bands = len(image.getbands()) - image.mode.endswith("A")
+    counts = np.reshape(image.histogram(), (-1, 256))[:bands].sum(axis=0)
+    low, high = np.searchsorted(np.cumsum(counts), np.multiply(_BULK, counts.sum())).tolist()
+    if 256 * (high - low) >= _SMALL_RANGE:
+        return None
+    data = source if isinstance(source, bytes) else source.read_bytes()
+    values: NDArray[np.generic] | None = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if values is None or values.dtype != np.uint16 or values.shape[:2] != (image.height, image.width):
+        return None
+    colours = np.atleast_3d(values)[:, :, 2::-1]
+    if colours.shape[2] != _COLOURS:
+        return None
+    return np.ascontiguousarray(colours, np.uint16).reshape(image.height, -1)
 
 
 def _converted(image: Image.Image, mode: Literal["L", "RGB"]) -> Pixels:

@@ -10,8 +10,8 @@ from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 
 from webapp.errors import UsageError
+from webapp.files.contents import shown_name
 from webapp.files.decode import PHOTO_SUFFIXES
-from webapp.files.object_storage.pointer import SUFFIX, pointed_path
 
 _DIGITS = re.compile(r"([0-9]+)")
 
@@ -33,15 +33,10 @@ def list_photos(folder: Path) -> list[str]:
     for parent, folders, files in os.walk(folder):
         here = Path(parent)
         folders[:] = [f for f in folders if not f.startswith(".") and (here != folder or f != DERIVED)]
-        for name in map(_shown, files):
+        for name in map(shown_name, files):
             if Path(name).suffix.lower() in PHOTO_SUFFIXES and not name.startswith("."):
                 found.append((here / name).relative_to(folder).as_posix())
     return sorted(set(found))
-
-
-def _shown(name: str) -> str:
-    """Return the name of the file that a pointer to an object replaces; other names unchanged."""
-    return pointed_path(Path(name)).name if name.startswith(".") and name.endswith(SUFFIX) else name
 
 
 def normal_name(name: str) -> str:

@@ -9,8 +9,10 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from string import ascii_lowercase
 from typing import BinaryIO
 
+from webapp.core.columns import is_header
 from webapp.errors import InputError, TableError, TrackError
 
 MAX_LINE = 65_536
@@ -21,6 +23,16 @@ _WIDE = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 MAX_BYTES = 50_000_000
 """Larger files are refused: they must be something else."""
 
+_ALPHABETS = {
+    "cp1252": ("äöüß", "àâçéèêëîïôœùûüÿ", "áéíñóúü", "àèéìíîòóù", "áâãàçéêíóôõú", "åäöæøé", "éëïöüèê"),
+    "cp1250": ("áčďéěíňóřšťúůýž", "áäčďéíĺľňóôŕšťúýž", "ąćęłńóśźż", "áéíóöőúüű", "čćđšž", "ăâîşţ"),
+}
+"""Code pages of Windows in Western and in Central Europe: letters of their languages besides a to z."""
+
+_SAMPLE = 65_536
+"""Bytes by which the code page of a file is chosen."""
+
+_WORD = re.compile(r"[^\W\d_]+")
 _DELIMITERS = (";", "\t", ",", "|", " ")
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
 _NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
@@ -110,11 +122,13 @@ def read_table(path: Path, *, headers: Sequence[str]) -> tuple[str, list[TextRow
 def numbered_lines(file: BinaryIO) -> Iterator[tuple[int, str]]:
     """Yield the lines of a file with their numbers from 1, without line ends.
 
-    Text is UTF-8, with or without a byte order mark; lines that are not UTF-8 are read as Latin-1.
+    Text is UTF-8, with or without a byte order mark; lines that are not UTF-8 are read in a code page of
+    Windows, the one in which the first of them makes sense with what follows.
 
     Raises:
         TrackError: A line is longer than `MAX_LINE`, or the file is UTF-16.
     """
+    page = ""
     for number, line in enumerate(_lines(file), 1):
         if len(line) > MAX_LINE:
             raise TrackError(f"line {number} is longer than {MAX_LINE} bytes", hint="is it a text file?")
@@ -122,7 +136,12 @@ def numbered_lines(file: BinaryIO) -> Iterator[tuple[int, str]]:
             if line.startswith(_WIDE):
                 raise TrackError("the file is UTF-16 text", hint="save it as UTF-8")
             line = line.removeprefix(codecs.BOM_UTF8)
-        yield number, _decoded(line).rstrip("\r\n")
+        try:
+            text = line.decode()
+        except UnicodeDecodeError:
+            page = page or _code_page(line + _ahead(file))
+            text = line.decode(page, "replace")
+        yield number, text.rstrip("\r\n")
 
 
 def _lines(file: BinaryIO) -> Iterator[bytes]:
@@ -144,11 +163,26 @@ def _lines(file: BinaryIO) -> Iterator[bytes]:
         line += more
 
 
-def _decoded(line: bytes) -> str:
-    try:
-        return line.decode("utf-8")
-    except UnicodeDecodeError:
-        return line.decode("latin-1")
+def _ahead(file: BinaryIO) -> bytes:
+    """Return what follows in a file, without moving on in it."""
+    at = file.tell()
+    following = file.read(_SAMPLE)
+    file.seek(at)
+    return following
+
+
+def _code_page(sample: bytes) -> str:
+    """Choose the code page with more known headers in the first line, or else more words of one language."""
+
+    def sense(page: str) -> tuple[int, int]:
+        text = sample.decode(page, "replace").lower()
+        first = text.splitlines()[0]
+        cells = split_row(first, delimiter_of(first) or ",")
+        words = [set(word) for word in _WORD.findall(text) if not word.isascii()]
+        letters = (set(alphabet + ascii_lowercase) for alphabet in _ALPHABETS[page])
+        return sum(map(is_header, cells)), max(sum(word <= known for word in words) for known in letters)
+
+    return max(_ALPHABETS, key=sense)
 
 
 def delimiter_of(line: str) -> str | None:

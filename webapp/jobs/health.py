@@ -11,8 +11,8 @@ from http import HTTPStatus
 from sqlalchemy import text
 
 from webapp.errors import StorageError
+from webapp.files.contents import in_use
 from webapp.files.lock import any_alive
-from webapp.files.object_storage.storage import in_use
 from webapp.jobs.draining import is_draining
 from webapp.jobs.process_lock import SHORT_LOCKS
 from webapp.settings import Settings

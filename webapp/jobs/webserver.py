@@ -2,32 +2,195 @@
 
 The supervisor starts it as `python -m webapp.jobs.webserver` with the name of the application: gunicorn's
 master must not import the application, because a process that has loaded OpenCV or faiss cannot be forked
-safely.
+safely. Gunicorn's threads read requests themselves, and would wait forever for one that stops half-way:
+timeouts and threads of their own keep slow requests from blocking the others.
 """
 
 from __future__ import annotations
 
 import argparse
+import errno
 import mmap
 import os
+import re
 import socket
+import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from selectors import EVENT_READ
+from types import FrameType
 from typing import Any
 
+from gunicorn import util  # type: ignore[import-untyped]
 from gunicorn.app.base import BaseApplication  # type: ignore[import-untyped]
 from gunicorn.arbiter import Arbiter  # type: ignore[import-untyped]
 from gunicorn.glogging import Logger  # type: ignore[import-untyped]
+from gunicorn.workers.gthread import TConn, ThreadWorker  # type: ignore[import-untyped]
 
 from webapp import telemetry
 from webapp.configuration import load_settings
 from webapp.importing import import_name
 from webapp.jobs.connection_queue import ReceivingEnd
-from webapp.jobs.slow_clients import ClientSocket, PatientWorker
 from webapp.logs import FORMS, log_to_stderr
 from webapp.settings import Settings, let_threads_sleep
 from webapp.threads import cores
+
+LEAST_BYTES_PER_S = 2000
+"""Slower than any network that photos are sent over."""
+
+_ANSWER_S = 60.0
+_SILENT = 4
+"""How long a connection may stay silent, in multiples of the patience; it occupies no thread meanwhile.
+
+Packet loss or a busy machine can delay for a while what a client has sent.
+"""
+
+_CROWDED = 0.5
+"""Fraction of a process's connections above which silent ones are closed after the plain patience."""
+_LINGER_S = 0.1
+"""How long a closing connection is still read, short because this blocks the thread that accepts others."""
+
+_LOCALIZE = re.compile(rb"POST /\S*/(localize|find)[ ?]")
+_BEGIN_BYTES = 400
+
+
+class ClientSocket(socket.socket):
+    """A connection on which a request has to arrive in time.
+
+    All reads of a request together may wait for `patience_s` seconds, plus one for each `LEAST_BYTES_PER_S`
+    bytes received; a write may wait for a minute. Slower connections count as broken.
+    """
+
+    patience_s = 15.0
+    _waited_s = 0.0
+    _received = 0
+
+    def begin_request(self) -> None:
+        """Reset the counters for a new request."""
+        self._waited_s, self._received = 0.0, 0
+
+    def setblocking(self, flag: bool) -> None:
+        """Make reads and writes non-blocking, or blocking with a timeout."""
+        self.settimeout(_ANSWER_S if flag else 0.0)
+
+    def recv(self, size: int, flags: int = 0) -> bytes:
+        """Receive some bytes.
+
+        Raises:
+            ConnectionResetError: The request takes too long.
+        """
+        left_s = self.patience_s + self._received / LEAST_BYTES_PER_S - self._waited_s
+        before, start = self.gettimeout(), time.monotonic()
+        self.settimeout(max(left_s, 0.001))
+        try:
+            data = super().recv(size, flags)
+        except TimeoutError as error:
+            raise _broken() from error
+        finally:
+            self.settimeout(before)
+            self._waited_s += time.monotonic() - start
+        self._received += len(data)
+        return data
+
+    def sendall(self, data: Any, flags: int = 0) -> None:
+        """Send bytes.
+
+        Raises:
+            ConnectionResetError: The client does not receive them in time.
+        """
+        try:
+            super().sendall(data, flags)
+        except TimeoutError as error:
+            raise _broken() from error
+
+    def sendfile(self, *args: Any, **options: Any) -> int:
+        """Send a file; errors as `sendall`."""
+        try:
+            return super().sendfile(*args, **options)
+        except TimeoutError as error:
+            raise _broken() from error
+
+
+class Connection(TConn):  # type: ignore[misc]
+    """A connection that is closed without waiting long for the client."""
+
+    patient_until = 0.0
+    """Monotonic time from which it counts as silent when many connections are open."""
+
+    def asks_to_localize(self) -> bool:
+        """Return whether a request begins that may wait for its turn to localize; False if not known yet."""
+        try:
+            begin = socket.socket.recv(self.sock, _BEGIN_BYTES, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+        except OSError:
+            return False
+        return _LOCALIZE.match(begin) is not None
+
+    def close(self, graceful: bool = False) -> None:
+        """Close it; gracefully means that the end of the response is not lost."""
+        if graceful:
+            util.close_graceful(self.sock, timeout=_LINGER_S)
+        else:
+            util.close(self.sock)
+
+
+class PatientWorker(ThreadWorker):  # type: ignore[misc]
+    """Gunicorn's threaded worker, whose connections get a thread only once a request begins to arrive."""
+
+    def accept(self, listener: socket.socket) -> None:
+        """Accept a connection, and poll for its first bytes without occupying a thread."""
+        try:
+            accepted, address = listener.accept()
+        except EOFError as error:
+            self.log.warning("%s: exiting", error)
+            os._exit(0)  # at once: the interpreter would wait for all threads
+        except OSError as error:
+            if error.errno in (errno.EAGAIN, errno.ECONNABORTED, errno.EWOULDBLOCK):
+                return  # another process was quicker, or the client has gone
+            raise
+        self.nr_conns += 1
+        here = accepted.getsockname()
+        connection = Connection(self.cfg, ClientSocket(fileno=accepted.detach()), address, here)
+        connection.patient_until = time.monotonic() + ClientSocket.patience_s
+        connection.timeout = connection.patient_until + (_SILENT - 1) * ClientSocket.patience_s
+        self.pending_conns.append(connection)
+        self.poller.register(
+            connection.sock, EVENT_READ, partial(self.on_pending_socket_readable, connection)
+        )
+
+    def murder_pending(self) -> None:
+        """Close connections that have been silent too long; earlier if many are open or the server stops."""
+        if not self.alive or self.nr_conns > _CROWDED * self.worker_connections:
+            for connection in self.pending_conns:
+                connection.timeout = connection.patient_until
+        super().murder_pending()
+
+    def get_thread_pool(self) -> ThreadPoolExecutor:
+        """Make the threads; as many more for requests that localize, which others then need not wait for."""
+        self.localizing = ThreadPoolExecutor(self.cfg.threads, thread_name_prefix="localizing")
+        return ThreadPoolExecutor(self.cfg.threads, thread_name_prefix="request")
+
+    def enqueue_req(self, conn: Connection) -> None:
+        """Hand a connection with a request to a thread."""
+        pool = self.localizing if conn.asks_to_localize() else self.tpool
+        answered = pool.submit(self.handle, conn)
+        answered.add_done_callback(partial(self.method_queue.defer, self.finish_request, conn))
+
+    def handle_quit(self, _signal: int, _frame: FrameType | None) -> None:
+        """Exit at once: the interpreter would wait for all threads."""
+        os._exit(0)
+
+    def handle(self, conn: Connection) -> Any:
+        """Answer a request."""
+        conn.sock.begin_request()
+        return super().handle(conn)
+
+
+def _broken() -> ConnectionResetError:
+    return ConnectionResetError(errno.ECONNRESET, "the client is too slow")
+
 
 _CONNECTIONS = 800
 """Maximum number of open connections per process; an idle one costs only a file descriptor."""

@@ -5,26 +5,28 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
-from urllib.parse import urlsplit
+from urllib.parse import quote, urlsplit
 
 from webapp.core.geo.tilegrid import MAX_ZOOM
 from webapp.errors import NotFound, UsageError
 
 _HINT = "see docs/satellite.md for how such a file is written"
-_FIELDS = ("name", "url", "attribution", "max_zoom", "max_tiles", "public")
+_FILE_URL = "/api/v1/tile-services/{name}/tiles/{{z}}/{{x}}/{{y}}"
+_FIELDS = ("name", "attribution", "max_zoom", "url", "file", "max_tiles", "public")
 
 
 @dataclass(frozen=True, slots=True)
 class TileService:
-    """A tile service with the standard grid of Web Mercator."""
+    """Tiles in the standard grid of Web Mercator, of a service or in a file of this server."""
 
     name: str
-    url: str  # Template with `{z}`, `{x}` and `{y}`, counted from the north
+    url: str  # Template with `{z}`, `{x}` and `{y}`, counted from the north; of a file: of this server
     attribution: str  # Attribution to show with the image
     max_zoom: int  # Highest zoom that it has
     # Maximum number of tiles per image, if the service wants fewer than the settings allow.
     max_tiles: int | None = None
     public: bool = False  # Whether visitors of shared maps may see its address, which may contain a key
+    file: Path | None = None  # MBTiles or PMTiles with its tiles
 
     @property
     def origin(self) -> str:
@@ -100,8 +102,8 @@ def tile_services(file: Path | None) -> tuple[TileService, ...]:
     """Return the available services; the first one is the default.
 
     Args:
-        file: JSON: a list of objects with `name`, `url`, `attribution`, `max_zoom`, and perhaps `max_tiles`
-            and `public`. None for the built-in ones.
+        file: JSON: a list of objects with `name`, `attribution`, `max_zoom`, either `url` or `file`, and
+            perhaps `max_tiles` and `public`; a relative `file` is next to it. None for the built-in ones.
 
     Raises:
         UsageError: The file cannot be read, or is not such a list; `where` names the place in it.
@@ -114,7 +116,9 @@ def tile_services(file: Path | None) -> tuple[TileService, ...]:
         raise UsageError(f"it cannot be read: {error}", where=str(file), hint=_HINT) from error
     if not isinstance(content, list) or not content:
         raise UsageError("it does not hold a list of services", where=str(file), hint=_HINT)
-    services = tuple(_service(item, where=f"{file}, service {n}") for n, item in enumerate(content, 1))
+    services = tuple(
+        _service(item, folder=file.parent, where=f"{file}, service {n}") for n, item in enumerate(content, 1)
+    )
     if len({service.name for service in services}) < len(services):
         raise UsageError("two services have the same name", where=str(file), hint="rename one")
     return services
@@ -129,21 +133,37 @@ def named(services: tuple[TileService, ...], name: str) -> TileService:
     return found
 
 
-def _service(item: object, *, where: str) -> TileService:
+def _service(item: object, *, folder: Path, where: str) -> TileService:
     if not isinstance(item, dict) or not set(item).issubset(_FIELDS):
         raise UsageError(f"the allowed fields are {', '.join(_FIELDS)}", where=where, hint=_HINT)
-    name, url, attribution = (item.get(field) for field in _FIELDS[:3])
-    max_zoom, max_tiles, public = item.get("max_zoom"), item.get("max_tiles"), item.get("public", False)
-    texts = all(isinstance(text, str) and text.strip() for text in (name, url, attribution))
+    name, attribution, max_zoom, url, file, max_tiles = (item.get(field) for field in _FIELDS[:6])
+    public = item.get("public", False)
+    source = file if url is None else url
+    texts = all(isinstance(text, str) and text.strip() for text in (name, source, attribution))
     whole = _is_whole(max_zoom, MAX_ZOOM) and (max_tiles is None or _is_whole(max_tiles))
-    if not texts or not whole or not isinstance(public, bool):
+    if not texts or not whole or not isinstance(public, bool) or None not in (url, file):
         raise UsageError("a field is missing or has an invalid value", where=where, hint=_HINT)
-    parts = urlsplit(str(url))
+    if url is not None:
+        _check_url(str(url), where=where)
+    elif not (folder / str(file)).is_file():
+        raise UsageError("its file does not exist", where=f"{where}: {file}", hint=_HINT)
+    return TileService(
+        str(name),
+        _FILE_URL.format(name=quote(str(name), safe="")) if url is None else str(url),
+        str(attribution),
+        int(str(max_zoom)),
+        max_tiles,
+        public,
+        folder / str(file) if url is None else None,
+    )
+
+
+def _check_url(url: str, *, where: str) -> None:
+    parts = urlsplit(url)
     if parts.scheme not in ("http", "https") or not parts.hostname or set(parts.netloc) & set("{}@;, \"'"):
         raise UsageError("its url is not a web address", where=where, hint=_HINT)
-    if any(str(url).count(place) != 1 for place in ("{z}", "{x}", "{y}")):
+    if any(url.count(place) != 1 for place in ("{z}", "{x}", "{y}")):
         raise UsageError("its url needs {z}, {x} and {y} once each", where=where, hint=_HINT)
-    return TileService(str(name), str(url), str(attribution), int(str(max_zoom)), max_tiles, public)
 
 
 def _is_whole(value: object, largest: int = 1_000_000) -> bool:

@@ -11,12 +11,12 @@ from pathlib import Path
 
 from PIL import Image
 
-from webapp.core.evaluation.rows import Row
+from webapp.core.evaluation.summary import Row
 from webapp.errors import StorageError
 from webapp.files.atomic import write_text
+from webapp.files.contents import local
 from webapp.files.exchange import tum
 from webapp.files.maps.folder import boxes_in_file
-from webapp.files.object_storage.storage import local
 from webapp.files.photos.photo import read_blurred, read_upright
 from webapp.render.answer_pictures import draw_matches
 from webapp.render.map_picture import draw_map

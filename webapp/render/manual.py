@@ -28,6 +28,7 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "panoramas",
         "street",
         "satellite",
+        "basemaps",
         "georeference",
         "sharing",
         "field",

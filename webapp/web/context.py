@@ -109,6 +109,15 @@ def authorized_by(check: Callable[..., object]) -> Callable[[View], View]:
     return mark
 
 
+def may_share(record: MapRecord) -> bool:
+    """Return whether the caller, who may be nobody, is an owner of a map."""
+    who = sessions.signed_in()
+    if who is None:
+        return False
+    with library().database.read() as session:
+        return maps.role_of(session, record, account=who) == "owner"
+
+
 def map_role(role: Role) -> Callable[[View], View]:
     """Have the caller's role on the map of the URL checked before the body is read."""
     return authorized_by(lambda slug, **_: open_map(slug, role))
@@ -133,6 +142,7 @@ def repeated_check() -> Callable[[], None]:
 def init_app(app: Flask) -> None:
     """Register the authentication and authorization of every request, before its body is read."""
     app.before_request(_check)
+    app.add_template_global(may_share)
 
 
 def _check() -> None:

@@ -46,21 +46,29 @@ def translate(message: str) -> str:
 
 
 _PLAIN_NOTES = {
+    "calibrating on real queries": lazy_gettext("checking how sure the answers may be, on real photos"),
     "calibrating the probabilities": lazy_gettext("checking how sure the answers may be"),
     "computing global descriptors": lazy_gettext("comparing the photos as a whole"),
     "joining": lazy_gettext("putting the index together"),
     "leave-one-out": lazy_gettext("looking for each photo as if it were not on the map"),
     "leave-one-place-out": lazy_gettext("the same without the photos around it"),
+    "fusing odometry and fixes": lazy_gettext("combining odometry and GPS"),
     "training": lazy_gettext("learning what the photos look like"),
+    "training the descriptor of photos": lazy_gettext("learning what the photos of all maps look like"),
 }
 """Notes of jobs in plain words; the command line shows them in those of the field."""
 
-_SECOND_LOOK = "second look: "
+_PLAIN_BEGINNINGS = {
+    "second look: ": lazy_gettext("the same for a second look at difficult photos"),
+    "without a second look: ": lazy_gettext("without a second look at difficult photos"),
+}
+"""The same for notes that go on with a name or a reason."""
 
 
 def _plain_note(note: str) -> str:
-    if note.startswith(_SECOND_LOOK):
-        return str(gettext("the same for a second look at difficult photos"))
+    for beginning, words in _PLAIN_BEGINNINGS.items():
+        if note.startswith(beginning):
+            return str(words)
     return str(_PLAIN_NOTES[note]) if note in _PLAIN_NOTES else translate(note)
 
 

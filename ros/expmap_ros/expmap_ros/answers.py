@@ -76,9 +76,8 @@ class MapFrame:
 
 
 def is_off_map(form: Form) -> bool:
-    """Return whether "not on this map" is more probable than each place."""
-    hypotheses, off = form["hypotheses"], form["off_map_probability"]
-    return not hypotheses or (off is not None and off > hypotheses[0]["probability"])
+    """Return whether the verdict is that no place of the map leads."""
+    return form["verdict"] not in ("place", "perhaps_place")
 
 
 def poses_in_map(form: Form) -> tuple[list[int], list[float]]:
@@ -91,7 +90,7 @@ def poses_in_map(form: Form) -> tuple[list[int], list[float]]:
 
 def headline(form: Form) -> str:
     """Summarise an answer in one line."""
-    if form.get("verdict") == "nothing_to_see":
+    if form["verdict"] == "nothing_to_see":
         return "no place: nothing to recognise in the photo"
     if is_off_map(form):
         off = form["off_map_probability"]

@@ -26,6 +26,7 @@ def answer(*, second=5, probability=0.9, radius_m=2.0, heading=90.0):
         "lat": LAT, "lon": LON, "probability": probability, "experiences": [2], "matches": 80,
     }  # fmt: skip
     rest = {"other_probability": 0.0, "off_map_probability": 1.0 - probability}
+    rest["verdict"] = "place" if probability >= 0.5 else "off_map"
     return String(data=json.dumps({"stamp": {"sec": second, "nanosec": 0}, "hypotheses": [place], **rest}))
 
 

@@ -18,6 +18,7 @@ from ros.expmap_ros.test.support import LAT, LON, ids_and_probabilities, texture
 from tests.robot.stand_in import StandIn, refused
 
 ANSWER = {
+    "verdict": "place",
     "hypotheses": [
         {
             "x_px": 30.0, "y_px": 40.0, "radius_px": 10.0, "radius_m": 1.5, "heading_deg": 90.0,

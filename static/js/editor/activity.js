@@ -9,6 +9,7 @@ import { isInside } from "../shared/map/coords.js";
 import { rafThrottle } from "../shared/timing.js";
 import { sentence, toastError } from "../shared/toast.js";
 import { canGoAgain } from "../shared/uploads.js";
+import { imageOffers } from "./image-offer.js";
 
 const JOBS = {
   blur: () => t("Finding faces and number plates"),
@@ -17,7 +18,7 @@ const JOBS = {
   health: () => t("Finding places that look similar"),
   landmarks: () => t("Computing landmarks"),
   "place-rest": () => t("Finding places for the rest"),
-  "mission-fuse": () => t("The tracks are being fused"),
+  "mission-fuse": () => t("The track is being corrected"),
   sample: () => t("Creating the sample map"),
   "satellite-pyramid": () => t("Preparing the image for display"),
   "satellite-tiles": () => t("Fetching the satellite image"),
@@ -90,7 +91,7 @@ export class Activity {
       h("div", { class: "ed-activity__head" },
         h("strong", { dataset: { testid: "upload-summary" } }, this._summary().join(" ")),
         h("button", { class: "icon-button", type: "button", "aria-label": t("Close"), onclick: () => this._close() }, icon("close"))),
-      h("ul", { class: "ed-files__list small" }, ...failedRows(entries)),
+      h("ul", { class: "ed-files__list small" }, ...imageOffers(entries, this), ...failedRows(entries)),
       again && h("button", { class: "button", type: "button", onclick: () => this.uploads.retry() }, icon("retry"), t("Try these again")),
     ].filter(Boolean);
   }

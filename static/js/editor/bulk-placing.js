@@ -1,7 +1,7 @@
 /** Placing many photos at once: by their GPS, by a list of positions, by a track. */
 
 import { openDialog } from "../shared/dialogs.js";
-import { byId, h, icon, targetOf } from "../shared/dom.js";
+import { byId, h, icon } from "../shared/dom.js";
 import { labelled, t, tn } from "../shared/i18n.js";
 import { toast, toastError } from "../shared/toast.js";
 import { listDialog } from "./list-dialog.js";
@@ -35,9 +35,6 @@ export function bulkPlacing(page) {
   byId("plan-button").addEventListener("click", () => planDialog(page));
   if (location.hash === "#next-photos") planDialog(page); // from the page Quality
   byId("street-button").addEventListener("click", () => streetDialog(page));
-  byId("place-menu", HTMLDetailsElement).addEventListener("click", (event) => {
-    if (targetOf(event).closest(".menu__item")) byId("place-menu", HTMLDetailsElement).open = false;
-  });
   return { positions, track };
 }
 

@@ -30,8 +30,8 @@ export function endpointsOf(slug) {
     undo: () => post(`${map}/undo`, {}),
     redo: () => post(`${map}/redo`, {}),
 
-    setSatellite: (file, onProgress, signal) =>
-      upload(`${map}/satellite`, { method: "PUT", body: form({ file }), onProgress, signal }),
+    setSatellite: (file, { onProgress = undefined, tray = false } = {}) =>
+      upload(`${map}/satellite`, { method: "PUT", body: form({ file, tray }), onProgress }),
 
     ...uploadEndpoints(slug),
 

@@ -84,6 +84,7 @@ chooseFirst();
 takeFiles();
 zoomButtons();
 byId("help").addEventListener("click", showHelp);
+closeChosen();
 byId("print-map").addEventListener("click", (event) => {
   targetOf(event).closest("details").open = false;
   printDialog(store);
@@ -137,6 +138,14 @@ function takeFiles() {
     });
   }
   byId("folder-button").addEventListener("click", () => byId("folder-input").click());
+}
+
+/** Close a menu of the toolbar before what was chosen in it opens. */
+function closeChosen() {
+  byId("toolbar").addEventListener("click", (event) => {
+    const item = targetOf(event).closest(".menu__item");
+    if (item) item.closest("details").open = false;
+  }, { capture: true });
 }
 
 /** Whether a file is a track; a GPX file with only waypoints is a list of positions. @param {File} file */

@@ -22,8 +22,7 @@ export class Notes {
     const moved = (note, at) => this._send(() => server.changeNote({ ...note, x_px: at[0], y_px: at[1] }, this._seen));
     new NoteLayer(store, view.map, store.canEdit ? { open: (note) => this.edit(note), moved } : { open: (note) => noteDialog(store, note) });
     byId("note-button").addEventListener("click", () => {
-      byId("place-menu", HTMLDetailsElement).open = false;
-      if (store.satellite) this.add(clamped(pixelOf(view.map.getCenter()), store.satellite));
+        if (store.satellite) this.add(clamped(pixelOf(view.map.getCenter()), store.satellite));
     });
   }
 

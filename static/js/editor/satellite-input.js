@@ -23,7 +23,8 @@ export function satelliteInput(store, server, refresh) {
     bar.hidden = false;
     bar.removeAttribute("value");
     try {
-      await server.setSatellite(file, (sent, all) => (sent < all ? (bar.value = sent / all) : bar.removeAttribute("value")));
+      const onProgress = (sent, all) => (sent < all ? (bar.value = sent / all) : bar.removeAttribute("value"));
+      await server.setSatellite(file, { onProgress });
       await refresh();
       toast(t("The image is in place."));
     } catch (error) {

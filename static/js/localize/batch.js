@@ -91,7 +91,7 @@ export class Batch {
   async _ask(row, file, signal) {
     for (;;) {
       try {
-        return await this.server.ask([file], this.options.values(), undefined, signal);
+        return await this.server.ask([file], this.options.values(), { signal });
       } catch (error) {
         if (error.code !== "not_ready") throw error;
         row.say(t("The map is being indexed."));

@@ -1,6 +1,6 @@
 /** Requests of the localization page to the server, by name. */
 
-import { api, del, file, get, post, upload } from "../shared/api.js";
+import { del, file, get, post, upload } from "../shared/api.js";
 
 /**
  * The requests about one map.
@@ -11,9 +11,8 @@ export function endpointsOf(slug) {
   return {
     photosAfter: (id, most) => get(`${map}/photos?after=${id}&limit=${most}`),
     changes: (since) => get(`${map}/changes?since=${since}`),
-    ask: (files, options, onProgress, signal) =>
-      upload(`${map}/localize`, { body: form(files, options), onProgress, signal }),
-    askAgain: (query, options) => api(`${map}/localize`, { method: "POST", body: form([], { ...options, query }) }),
+    ask: (files, options, on = {}) => upload(`${map}/localize`, { body: form(files, options), ...on }),
+    askAgain: (query, options, on) => upload(`${map}/localize`, { body: form([], { ...options, query }), ...on }),
     example: (name) => file(`${map}/examples/${encodeURIComponent(name)}`),
     photo: (id) => file(`${map}/queries/${id}/photo`),
     query: (id) => get(`${map}/queries/${id}`),

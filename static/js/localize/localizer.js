@@ -1,13 +1,13 @@
 /** Sends photos, waits for an index that is being built, and shows the answers. */
 
 import { verdictText } from "../shared/answer/verdict.js";
+import { WaitingWords } from "../shared/answer/waiting-words.js";
 import { openDialog } from "../shared/dialogs.js";
 import { byId, h, icon } from "../shared/dom.js";
 import { usable } from "../shared/drop-files.js";
 import { leftText } from "../shared/format.js";
 import { labelled, t, tn } from "../shared/i18n.js";
 import { sentence, toast } from "../shared/toast.js";
-import { WaitingWords } from "./waiting-words.js";
 
 const MOST_OF_ONE_SPOT = 8;
 /** Below this probability of the first place, more photos are suggested. */
@@ -28,7 +28,8 @@ export class Localizer extends EventTarget {
     this.say = page.say;
     this.waiting = null;
     this._abort = null;
-    this.words = new WaitingWords(this.session, this.store);
+    this.words = new WaitingWords(byId("busy-words"), byId("busy", HTMLProgressElement));
+    this.session.on("busy", () => !this.session.busy && this.words.end());
     this.store.on("jobs", () => this._jobs());
     this.session.on("answer", () => {
       byId("further").replaceChildren();
@@ -52,8 +53,7 @@ export class Localizer extends EventTarget {
   ask(files) {
     const { session } = this;
     session.setQuery({ name: files.map(({ name }) => name).join(", "), url: URL.createObjectURL(files[0]), files });
-    const showProgress = (sent, all) => this._progress(sent < all ? sent / all : null);
-    return this._run((signal) => this.server.ask(files, this.options.values(), showProgress, signal));
+    return this._run((on) => this.server.ask(files, this.options.values(), on));
   }
 
   /** Localize the same photo with the present options. */
@@ -61,7 +61,7 @@ export class Localizer extends EventTarget {
     const { query } = this.session;
     if (this.waiting) return this._run(this.waiting);
     if (query?.files?.length > 1) return this.ask(query.files);
-    if (query?.id) return this._run(() => this.server.askAgain(query.id, this.options.values()));
+    if (query?.id) return this._run((on) => this.server.askAgain(query.id, this.options.values(), on));
     return null;
   }
 
@@ -113,14 +113,14 @@ export class Localizer extends EventTarget {
     const abort = new AbortController();
     this._abort = abort;
     this.waiting = null;
-    this._progress(null);
     this.session.setBusy(true);
+    this.words.begin(Boolean(this.session.query.files));
     this.session.setAnswer(null);
     byId("notes").replaceChildren();
     history.replaceState(null, "", location.pathname);
     try {
       const { files } = this.session.query;
-      const answer = await send(abort.signal);
+      const answer = await send(this._listeners(abort.signal));
       if (abort.signal.aborted) return false;
       this._show({ ...(await this.server.query(answer.id)), files }, answer);
       this.dispatchEvent(new Event("asked"));
@@ -131,6 +131,26 @@ export class Localizer extends EventTarget {
     } finally {
       if (this._abort === abort) this.session.setBusy(Boolean(this.waiting));
     }
+  }
+
+  /** What a request reports to. @param {AbortSignal} signal */
+  _listeners(signal) {
+    return {
+      signal,
+      onProgress: (sent, all) => this.words.sent(sent, all),
+      onEvent: (kind, data) => {
+        if (signal.aborted) return;
+        this.words.take(kind, data);
+        if (kind === "first") this._showFirst(data);
+      },
+    };
+  }
+
+  /** Show the answer of the first look while the second one is taken. */
+  _showFirst(answer) {
+    this.session.setAnswer(answer);
+    byId("further").replaceChildren();
+    this.say(verdictText(answer));
   }
 
   _show(query, answer = query.answer) {
@@ -193,6 +213,7 @@ export class Localizer extends EventTarget {
   }
 
   _building() {
+    this.words.waitForIndex();
     const text = t("The map is being indexed; the photo is localized as soon as that is done.");
     byId("notes").replaceChildren(note("info", text, null, indexBar(this._indexJob())));
   }
@@ -222,13 +243,6 @@ export class Localizer extends EventTarget {
       this.session.setBusy(false);
       this._problem(failed.error);
     } else this._run(this.waiting);
-  }
-
-  _progress(share) {
-    const bar = byId("busy", HTMLProgressElement);
-    if (share === null) bar.removeAttribute("value");
-    else bar.value = share;
-    this.words.progress(share);
   }
 
   /** Ask whether several photos are of one spot. @returns {Promise<?boolean>} null if the dialog is closed */

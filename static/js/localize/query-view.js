@@ -6,7 +6,7 @@ import { byId } from "../shared/dom.js";
 import { moment, t, tn } from "../shared/i18n.js";
 import { PanoramaView } from "../shared/panorama-view.js";
 import { PhotoZoom } from "../shared/photo-zoom.js";
-import { shareDialog } from "../shared/share-dialog.js";
+import { shareAnswer } from "../shared/share-dialog.js";
 import { toastError } from "../shared/toast.js";
 
 /**
@@ -44,13 +44,10 @@ export function showQuery({ session, server, slug }, on) {
     image.alt = query.name;
     if (query.id) byId("query-download", HTMLAnchorElement).href = query.photo;
   });
-  session.on("busy", () => {
-    byId("busy").hidden = !session.busy;
-  });
   byId("query-link").addEventListener("click", () => copy(location.href, t("The link has been copied.")));
   document.getElementById("query-share")?.addEventListener("click", () => {
     byId("query-menu", HTMLDetailsElement).open = false;
-    shareDialog({ slug, query: session.query.id });
+    shareAnswer({ slug, query: session.query.id });
   });
   byId("query-delete").addEventListener("click", async () => {
     byId("query-menu", HTMLDetailsElement).open = false;

@@ -1,5 +1,6 @@
 /** "Which map is this?": a dialog that searches for a photo on all maps. */
 
+import { WaitingWords } from "../shared/answer/waiting-words.js";
 import { upload } from "../shared/api.js";
 import { busy, errorLine, openDialog } from "../shared/dialogs.js";
 import { h, icon } from "../shared/dom.js";
@@ -34,14 +35,21 @@ async function search(file, results, error) {
   error.show(null);
   const picture = h("img", { class: "find-photo", src: URL.createObjectURL(file), alt: file.name });
   picture.addEventListener("error", () => picture.remove()); // format unknown to this browser
-  results.replaceChildren(picture, h("progress", { class: "progress", "aria-label": t("Searching the maps") }));
+  const bar = /** @type {HTMLProgressElement} */ (h("progress", { class: "progress", "aria-label": t("Searching the maps") }));
+  const said = h("p", { class: "small soft" });
+  const words = new WaitingWords(said, bar);
+  results.replaceChildren(picture, bar, said);
+  words.begin(true);
   try {
-    const found = await upload("/find", { body: form(file) });
+    const found = await upload("/find", {
+      body: form(file), onProgress: (sent, all) => words.sent(sent, all), onEvent: (kind, data) => words.take(kind, data),
+    });
     results.replaceChildren(picture, verdict(found), list(found, file, error), ...notSearched(found));
   } catch (problem) {
     results.replaceChildren(picture);
     error.show(problem);
   }
+  words.end();
 }
 
 function form(file) {

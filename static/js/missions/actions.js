@@ -4,6 +4,8 @@ import { askDialog, busy, confirmDialog, field, openDialog } from "../shared/dia
 import { byId, h, queryAll } from "../shared/dom.js";
 import { listenToDrops, usable } from "../shared/drop-files.js";
 import { locale, t } from "../shared/i18n.js";
+import { failureNote, isDismissed } from "../shared/job-failure.js";
+import { isLive } from "../shared/job-list.js";
 import { toast, toastError } from "../shared/toast.js";
 import { lengthText } from "./format.js";
 import { resultText } from "./import/file-remarks.js";
@@ -16,8 +18,9 @@ import { sharesDialog } from "./share-mission.js";
  * @param {import("./mission-store.js").MissionStore} store
  * @param {import("./track-lines.js").TrackLines} lines
  * @param {import("./live-events.js").Live} live
+ * @param {?number} fusion id of the job of the last fusion, unless it is done
  */
-export function connectActions(store, lines, live) {
+export function connectActions(store, lines, live, fusion) {
   const server = store.server(store.id);
   const refresh = () => live.refresh();
   const on = (name, run) => {
@@ -43,6 +46,7 @@ export function connectActions(store, lines, live) {
   on("import", () => take([]));
   if (document.querySelector('[data-does="import"]')) listenToDrops(byId("drop"), (files) => files.length && take(usable(files)));
   on("fuse", (button) => busy(button, () => fuse(store, server, refresh)));
+  if (fusion !== null) showFusion(server, fusion, refresh).catch(toastError);
   on("share", () => sharesDialog(server));
   on("rename", () => rename(store, server));
   on("delete", () => bin(store, server, live));
@@ -62,21 +66,36 @@ function tellImported(results) {
 
 /** @param {?number} [odometry] id of the track to correct; the server says if one has to be chosen */
 async function fuse(store, server, refresh, odometry = null) {
-  const bar = jobBar(t("The tracks are being fused"));
-  const dialog = openDialog(t("Fuse the tracks"), [
-    h("p", { class: "soft" }, t("Combines odometry, GPS and visual fixes into one corrected track; the other tracks stay as they are.")), bar,
-  ]);
+  document.querySelector("[data-job-failure]")?.remove();
   try {
-    const { job } = await server.fuse();
-    await ended(server.job, job, bar.showJob);
-    await refresh();
-    toast(t("The corrected track is in place."));
+    const { job } = await server.fuse(odometry);
+    await follow(server, job, refresh);
   } catch (error) {
     if (odometry !== null || error.where !== "odometry") throw error;
     chooseOdometry(store, (chosen) => fuse(store, server, refresh, chosen));
+  }
+}
+
+/** Show the progress of a fusion until it ends. @param {number} id of the job */
+async function follow(server, id, refresh) {
+  const bar = jobBar(t("The track is being corrected"));
+  const dialog = openDialog(t("Correct the track"), [
+    h("p", { class: "soft" }, t("Combines odometry, GPS and visual fixes into one corrected track; the other tracks stay as they are.")), bar,
+  ]);
+  try {
+    await ended(server.job, id, bar.showJob);
+    await refresh();
+    toast(t("The corrected track is in place."));
   } finally {
     dialog.close();
   }
+}
+
+/** After a reload: show the fusion that is going on, or why the last one failed. @param {number} id of its job */
+async function showFusion(server, id, refresh) {
+  const job = await server.job(id);
+  if (isLive(job)) await follow(server, id, refresh);
+  else if (job.state === "failed" && !isDismissed(id)) byId("panel").prepend(failureNote(job));
 }
 
 /** Ask which odometry is to be corrected. */

@@ -83,7 +83,7 @@ function offer(service, take) {
 
 /** Host of a tile address, which contains braces. @param {string} url */
 function hostOf(url) {
-  return new URL(url.replaceAll(/[{}]/g, "")).host;
+  return new URL(url.replaceAll(/[{}]/g, ""), location.href).host;
 }
 
 /** The stored choice. In another site's frame, browsers may refuse storage with an error. */

@@ -56,7 +56,7 @@ export function sourceName(source) {
     gps: t("GPS"),
     odometry: t("Odometry"),
     visual: t("Visual fixes"),
-    fused: t("Fused"),
+    fused: t("Corrected"),
     manual: t("Manual"),
   };
   return names[source] || source;

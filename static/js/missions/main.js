@@ -80,7 +80,7 @@ function begin() {
   showPhotos(store, look);
   zoomButtons(view, fit);
   const live = new Live(store, page.id);
-  connectActions(store, lines, live);
+  connectActions(store, lines, live, page.fusion);
   state(live);
   live.start();
   firstPositions(view, fit);

@@ -8,6 +8,7 @@ import { t } from "./i18n.js";
 const BASE = "/api/v1";
 const WAIT_MS = [300, 1000, 2000, 4000, 8000];
 const MOST_WAIT_S = 5;
+const EVENTS = "text/event-stream";
 const SAFE = new Set(["GET", "HEAD"]);
 
 /** A request that the server refused, or that did not reach it (`code` is `offline`, `status` 0). */
@@ -90,18 +91,22 @@ export async function page(address) {
  * @param {FormData|Blob} options.body
  * @param {Object<string, string>} [options.headers]
  * @param {function(number, number): void} [options.onProgress] bytes sent, bytes in all
+ * @param {function(string, Object): void} [options.onEvent] called with the kind and data of each server-sent event
+ *   before the answer; the server may send none
  * @param {AbortSignal} [options.signal]
  * @returns {Promise<*>}
  * @throws {ApiError}
  */
-export function upload(path, { method = "POST", body, headers = {}, onProgress, signal }) {
+export function upload(path, { method = "POST", body, headers = {}, onProgress, onEvent, signal }) {
   return new Promise((resolve, reject) => {
     const request = new XMLHttpRequest();
     request.open(method, BASE + path);
-    const all = { Accept: "application/json", "X-CSRFToken": csrfToken(), ...headers };
+    const accept = onEvent ? `${EVENTS}, application/json;q=0.5` : "application/json";
+    const all = { Accept: accept, "X-CSRFToken": csrfToken(), ...headers };
     for (const [name, value] of Object.entries(all)) request.setRequestHeader(name, value);
     request.upload.onprogress = (event) => event.lengthComputable && onProgress?.(event.loaded, event.total);
-    request.onload = () => read(new Response(request.response || null, answerOf(request))).then(resolve, reject);
+    const last = onEvent && eventReader(request, onEvent);
+    request.onload = () => resultOf(request, last).then(resolve, reject);
     request.onerror = () => reject(offline());
     request.onabort = () => reject(new DOMException("Aborted", "AbortError"));
     signal?.addEventListener("abort", () => request.abort(), { once: true });
@@ -124,6 +129,44 @@ export function events(path, { changed, open, error }) {
   source.addEventListener("open", open);
   source.addEventListener("error", () => error(source.readyState === EventSource.CLOSED));
   return source;
+}
+
+/**
+ * Read the events of a response while it arrives.
+ * @param {XMLHttpRequest} request
+ * @param {function(string, Object): void} onEvent
+ * @returns {function(): ?{kind: string, data: Object}} the last event, `answer` or `error`; null: there is none yet
+ */
+function eventReader(request, onEvent) {
+  let at = 0;
+  let last = null;
+  const take = () => {
+    if (!isEvents(request)) return;
+    for (let end; (end = request.responseText.indexOf("\n\n", at)) >= 0; at = end + 2) {
+      const [kind, data] = request.responseText.slice(at, end).split("\n").map((line) => line.slice(line.indexOf(":") + 2));
+      const event = { kind, data: JSON.parse(data) };
+      if (kind === "answer" || kind === "error") last = event;
+      else onEvent(kind, event.data);
+    }
+  };
+  request.onprogress = take;
+  return () => {
+    take();
+    return last;
+  };
+}
+
+function isEvents(request) {
+  return (request.getResponseHeader("Content-Type") || "").startsWith(EVENTS);
+}
+
+/** The answer of a request, which may be the last of its events. */
+async function resultOf(request, last) {
+  if (!isEvents(request)) return read(new Response(request.response || null, answerOf(request)));
+  const event = last();
+  if (!event) throw offline(); // the stream was cut off
+  if (event.kind === "error") throw new ApiError({ status: event.data.status, ...event.data.error });
+  return event.data;
 }
 
 function csrfToken() {

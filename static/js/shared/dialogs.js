@@ -116,7 +116,11 @@ export function openDialog(title, body, { actions = [], modeless = false } = {})
   );
   dialog.addEventListener("close", () => dialog.remove());
   document.body.append(dialog);
-  dialog.addEventListener("keydown", (event) => event.key === "Escape" && dialog.close());
+  dialog.addEventListener("keydown", (event) => {
+    if (event.key !== "Escape") return;
+    event.preventDefault(); // a dialog below this one stays open
+    dialog.close();
+  });
   if (modeless) dialog.show();
   else dialog.showModal();
   return dialog;

@@ -33,7 +33,8 @@ export async function showLastFailure(before, slug, kinds) {
   if (last?.state === "failed" && !isDismissed(last.id)) before.after(failureNote(last));
 }
 
-function failureNote({ id, error: { message, hint } }) {
+/** The message of a failed job, with a button that dismisses it. @param {Object} job */
+export function failureNote({ id, error: { message, hint } }) {
   const remove = () => {
     dismiss(id);
     shown.remove();

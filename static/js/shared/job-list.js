@@ -173,7 +173,7 @@ export function kindName(kind) {
     evaluate: t("Evaluation"),
     "mission-delete": t("Deleting a mission"),
     "mission-fix": t("Localizing the photos of a mission"),
-    "mission-fuse": t("Fuse the tracks"),
+    "mission-fuse": t("Correct the track"),
     "mission-import": t("Importing tracks"),
     "mission-inspect": t("Reading a file with tracks"),
     "mission-pieces": t("Long tracks for display"),

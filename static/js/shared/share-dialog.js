@@ -1,4 +1,4 @@
-/** The dialog to share a map or one answer. */
+/** What a link to a map or to an answer shares, and its address. */
 
 import { post } from "./api.js";
 import { busy, errorLine, openDialog } from "./dialogs.js";
@@ -7,35 +7,37 @@ import { isLoopback } from "./format.js";
 import { t } from "./i18n.js";
 
 /**
- * Ask how to share, and show the new address.
- * @param {{slug: string, query?: ?number, in3d?: boolean, made?: function(Object): void}} what `query` is the id of an
- *   answer; `in3d` whether the map has landmarks; `made` is called with the new share
+ * Ask what a link to an answer shares, and show its address.
+ * @param {{slug: string, query: number}} answer
  */
-export function shareDialog({ slug, query = null, in3d = false, made = () => {} }) {
-  const ways = h(
-    "fieldset",
-    { class: "share-ways" },
-    h("legend", { class: "visually-hidden" }, t("Who can see it")),
-    way("secret", t("Anyone with the link"), t("Not listed anywhere; you can revoke it at any time."), true),
-    way("public", t("Everyone"), t("Also listed under public maps; nobody has to sign in.")),
-  );
-  const allows = h("fieldset", { class: "share-ways" }, h("legend", { class: "visually-hidden" }, t("What is shared")), ...allowed({ query, in3d }));
+export function shareAnswer({ slug, query }) {
+  const { element, wish } = linkForm({ query, in3d: false });
   const error = errorLine();
-  const send = h("button", { class: "button button--primary", type: "button" }, icon("link"), t("Create the link"));
-  const body = [ways, allows, error];
-  const dialog = openDialog(query === null ? t("Share this map") : t("Share this answer"), body, { actions: [send] });
-  send.addEventListener("click", () => busy(send, async () => {
+  const make = h("button", { class: "button button--primary", type: "button" }, icon("link"), t("Create the link"));
+  const about = h("p", { class: "soft" }, t("Anyone with the link sees it without an account. You can revoke it at any time under Share."));
+  const dialog = openDialog(t("Share this answer"), [about, element, error], { actions: [make] });
+  make.addEventListener("click", () => busy(make, async () => {
     try {
       error.show(null);
-      const wish = { query, public: chosen(ways), ...checked(allows) };
-      const share = await post(`/maps/${encodeURIComponent(slug)}/shares`, wish);
+      const share = await post(`/maps/${encodeURIComponent(slug)}/shares`, wish());
       dialog.close();
-      made(share);
       showAddress(share);
     } catch (problem) {
       error.show(problem);
     }
   }));
+}
+
+/**
+ * What a new link shares, and whether it is public.
+ * @param {{query: ?number, in3d: boolean}} what `query` is the id of an answer; `in3d` whether the map has landmarks
+ */
+export function linkForm({ query, in3d }) {
+  const element = h("fieldset", { class: "share-ways" },
+    h("legend", { class: "visually-hidden" }, t("What is shared")),
+    ...allowed({ query, in3d }),
+    box("public", t("Also list it under public maps"), { hint: t("Everyone can find it there.") }));
+  return { element, wish: () => ({ query, ...checked(element) }) };
 }
 
 /** Show address and tag of a share. @param {Object} share as returned by the server */
@@ -58,39 +60,32 @@ function onlyHere() {
 
 /**
  * Checkboxes for what a share of a map, or of an answer, can include.
- * @param {{query: ?number, in3d: boolean}} what as for `shareDialog`
+ * @param {{query: ?number, in3d: boolean}} what as for `linkForm`
  * @param {Object<string, boolean>} [given] what it includes already
  */
 export function allowed({ query, in3d }, given = { photos: true }) {
-  const box = (name, label, hint, disabled = false) =>
-    h("label", { class: "check share-way" },
-      h("input", { type: "checkbox", name, checked: given[name], disabled }),
-      h("span", {}, label, hint && h("span", { class: "field__hint share-way__hint" }, hint)));
-  const in3dBox = () => (in3d || given.landmarks
-    ? box("landmarks", t("The map in 3D"), t("Points in the colours of the photos, and where the placed photos were taken."))
-    : box("landmarks", t("The map in 3D"), t("This map has no landmarks yet: compute them on its 3D page."), true));
+  const may3d = in3d || given.landmarks;
+  const hint3d = may3d ? t("Points in the colours of the photos, and where the placed photos were taken.") : t("This map has no landmarks yet: compute them on its 3D page.");
+  const one = (name, label, hint = "", disabled = false) => box(name, label, { hint, disabled, checked: given[name] });
   return [
-    box("photos", query === null ? t("Pictures of the photos") : t("The photo, and pictures of the map photos it matched")),
-    query === null && box("notes", t("Notes on photos and on the map")),
-    query === null && in3dBox(),
-    query === null && box("localize", t("Visitors can localize their own photos")),
-    box("originals", t("Originals"), t("With names, times, GPS and everything else that a camera writes into them.")),
+    one("photos", query === null ? t("Pictures of the photos") : t("The photo, and pictures of the map photos it matched")),
+    query === null && one("localize", t("Visitors can localize their own photos"), t("They choose a photo, and see where on this map it was taken. Neither the photo nor the answer is stored.")),
+    query === null && one("notes", t("Notes on photos and on the map")),
+    query === null && one("landmarks", t("The map in 3D"), hint3d, !may3d),
+    one("originals", t("Originals"), t("With names, times, GPS and everything else that a camera writes into them.")),
   ].filter(Boolean);
+}
+
+/** @param {string} name @param {string} label @param {{hint?: string, disabled?: boolean, checked?: boolean}} more */
+function box(name, label, { hint = "", ...more }) {
+  return h("label", { class: "check share-way" },
+    h("input", { type: "checkbox", name, ...more }),
+    h("span", {}, label, hint && h("span", { class: "field__hint share-way__hint" }, hint)));
 }
 
 /** @param {HTMLElement} root of checkboxes @returns {Object<string, boolean>} state by name */
 export function checked(root) {
-  return Object.fromEntries(queryAll("input[type=checkbox]", HTMLInputElement, root).map((box) => [box.name, box.checked]));
-}
-
-function chosen(ways) {
-  return queryAll("input:checked", HTMLInputElement, ways)[0].value === "public";
-}
-
-function way(value, label, hint, first = false) {
-  return h("label", { class: "check share-way" },
-    h("input", { type: "radio", name: "share-way", value, checked: first }),
-    h("span", {}, label, h("span", { class: "field__hint share-way__hint" }, hint)));
+  return Object.fromEntries(queryAll("input[type=checkbox]", HTMLInputElement, root).map((one) => [one.name, one.checked]));
 }
 
 function secret(label, value, id) {

@@ -3,12 +3,14 @@
 import { closeMenus, h, metaOf } from "./dom.js";
 import { t } from "./i18n.js";
 import { connectJobs } from "./jobs-menu.js";
+import { connectSharing } from "./share-map.js";
 import { connectTerms } from "./term.js";
 import { connectTheme } from "./theme.js";
 
 closeMenus(document);
 connectTheme(document.body);
 connectCopyButtons();
+connectSharing();
 connectTabs();
 connectTerms();
 whenLoaded(connectJobs);

@@ -8,7 +8,7 @@ const TERMS = {
   tray: () => [t("Tray"), t("Photos of this map that have no place on the image yet.")],
   placement: () => [t("Placement"), t("One set of photo positions. The same photos can have several, such as exact spots and whole areas; each has its own .cfg.")],
   inliers: () => [t("Inliers"), t("Matches that agree on one position of the camera. The more there are, the more certain is the place.")],
-  fuse: () => [t("Fuse"), t("Combines odometry, GPS and visual fixes into one corrected track; the other tracks stay as they are.")],
+  fuse: () => [t("Correct the track"), t("Combines odometry, GPS and visual fixes into one corrected track; the other tracks stay as they are.")],
   utm: () => ["UTM", t("Universal Transverse Mercator: metres east and north within a numbered zone, as on hiking maps.")],
   mgrs: () => ["MGRS", t("Military Grid Reference System: a square of the UTM grid, and metres within it, as rescue services use it.")],
 };

@@ -38,7 +38,7 @@ export function uploadEndpoints(slug) {
  * @property {"waiting"|"sending"|"done"|"failed"|"cancelled"} state
  * @property {number} sent bytes sent
  * @property {?{message: string, hint: ?string}} error
- * @property {?{id: number, placed: boolean, duplicate: boolean, gps_problem: ?string}} result
+ * @property {?{id: number, placed: boolean, duplicate: boolean, gps_problem: ?string, is_plan: boolean}} result
  */
 
 /** The files of this page view; fires `progress` often and `finished` at the end. */

@@ -5,6 +5,7 @@ import { followFloor } from "../shared/answer/answer-floor.js";
 import { answerList } from "../shared/answer/answer-list.js";
 import { QuerySession } from "../shared/answer/query-session.js";
 import { verdictText } from "../shared/answer/verdict.js";
+import { WaitingWords } from "../shared/answer/waiting-words.js";
 import { get, upload } from "../shared/api.js";
 import { byId } from "../shared/dom.js";
 import { tn } from "../shared/i18n.js";
@@ -105,6 +106,11 @@ function zoomButtons() {
 /** Localize the visitor's photo. @param {HTMLInputElement} input */
 function takePhotos(input) {
   let shown = null;
+  const words = new WaitingWords(byId("busy-words"), byId("busy", HTMLProgressElement));
+  const onEvent = (kind, data) => {
+    words.take(kind, data);
+    if (kind === "first") show(data);
+  };
   input.addEventListener("change", async () => {
     const [file] = input.files;
     input.value = "";
@@ -112,14 +118,14 @@ function takePhotos(input) {
     if (shown) URL.revokeObjectURL(shown);
     shown = URL.createObjectURL(file);
     showQuery(shown);
-    byId("busy").hidden = false;
+    words.begin(true);
     const body = new FormData();
     body.append("file", file, file.name || "photo.jpg");
     try {
-      show(await upload(`${shared}/localize`, { body }));
+      show(await upload(`${shared}/localize`, { body, onProgress: (sent, all) => words.sent(sent, all), onEvent }));
     } catch (error) {
       toastError(error);
     }
-    byId("busy").hidden = true;
+    words.end();
   });
 }

@@ -9,7 +9,7 @@ from webapp.core.features.extract import extract
 from webapp.core.features.lightglue import LIGHTERGLUE, LIGHTGLUE, LightGlue
 from webapp.core.features.table import choose
 from webapp.core.features.types import Features, unit_as_bytes
-from webapp.core.features.xfeatnet import XFeatNetwork
+from webapp.core.features.xfeat import XFeatNetwork
 from webapp.core.retrieval.engines.bruteforce import BruteForce
 from webapp.errors import InputError
 from webapp.threads import in_threads

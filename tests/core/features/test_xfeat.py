@@ -7,8 +7,7 @@ import pytest
 from tests.standin_models import xfeat
 from webapp.core.features.extract import extract
 from webapp.core.features.table import choose
-from webapp.core.features.xfeat import XFeat
-from webapp.core.features.xfeatnet import XFeatNetwork
+from webapp.core.features.xfeat import XFeat, XFeatNetwork
 from webapp.core.retrieval.engines.bruteforce import BruteForce
 from webapp.errors import MissingPart
 from webapp.threads import in_threads

@@ -7,9 +7,14 @@ from hypothesis import strategies as st
 
 from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.estimate import NoPose
-from webapp.core.hypotheses.circle_prior import CirclePrior, apply_circle_prior, photo_weights
 from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
-from webapp.core.hypotheses.path_prior import apply_path_prior_to_answer, fit_path_prior
+from webapp.core.hypotheses.priors import (
+    CirclePrior,
+    apply_circle_prior,
+    apply_path_prior_to_answer,
+    fit_path_prior,
+    photo_weights,
+)
 
 COUNTS = MatchStatistics(10, 5, 4, 1.0, 9.0, 4.0, 20.0)
 PATHS = fit_path_prior(np.column_stack([np.arange(0.0, 2000.0, 10.0), np.zeros(200)]), place_radius_px=20.0)

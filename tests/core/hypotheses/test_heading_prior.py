@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from webapp.core.geo.types import MapPixel
-from webapp.core.hypotheses.heading_prior import apply_compass
 from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
+from webapp.core.hypotheses.priors import apply_compass
 
 COUNTS = MatchStatistics(10, 5, 4, 1.0, 9.0, 4.0, 20.0)
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.joint import combine, most_confident
 from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
-from webapp.core.hypotheses.path_prior import fit_path_prior
+from webapp.core.hypotheses.priors import fit_path_prior
 
 PATHS = fit_path_prior(np.column_stack([np.arange(0.0, 2000.0, 5.0), np.zeros(400)]), place_radius_px=10.0)
 COUNTS = MatchStatistics(10, 5, 4, 1.0, 9.0, 4.0, 20.0)

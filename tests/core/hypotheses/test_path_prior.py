@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from webapp.core.geo.types import MapPixel
-from webapp.core.hypotheses.path_prior import apply_path_prior, fit_path_prior
+from webapp.core.hypotheses.priors import apply_path_prior, fit_path_prior
 
 ALONG = np.arange(0.0, 2000.0, 10.0)
 ROW = fit_path_prior(np.column_stack([ALONG, ALONG]), place_radius_px=28.0)

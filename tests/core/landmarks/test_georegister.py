@@ -9,8 +9,7 @@ from webapp.core.landmarks import control_points
 from webapp.core.landmarks.control_points import KnownPoint, NotTriangulated, triangulate
 from webapp.core.landmarks.georegister import georegister
 from webapp.core.landmarks.placing import AlignedSubmodel, align_submodel, outlying_positions
-from webapp.core.landmarks.similarity import fit_similarity
-from webapp.core.landmarks.submodels import Submodel
+from webapp.core.landmarks.submodels import Submodel, fit_similarity
 
 SPOTS = {
     "gate": (150 + 180j, 3.0),

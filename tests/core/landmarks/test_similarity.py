@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tests.core.landmarks.scene import random_rotation
-from webapp.core.landmarks.similarity import NoSimilarity, fit_similarity
+from webapp.core.landmarks.submodels import NoSimilarity, fit_similarity
 
 
 @pytest.mark.parametrize("weighted", [False, True])

@@ -9,8 +9,8 @@ from tests.core.localize.test_places import seen, the_map, voted
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.joint import cluster
 from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
-from webapp.core.hypotheses.path_prior import apply_path_prior, fit_path_prior
 from webapp.core.hypotheses.places import PhotoGroups, describe_places, spacing_px
+from webapp.core.hypotheses.priors import apply_path_prior, fit_path_prior
 from webapp.core.hypotheses.sequence import Belief, filter_step, motion_model
 from webapp.core.localize.evidence import nearness, photo_spots
 from webapp.core.localize.places import estimate_places

@@ -10,7 +10,7 @@ from tests.core.photos_in_a_room import RADIUS, Scene, tilted
 from webapp.core.geometry.extrinsics import MapExtrinsics, empty_depths
 from webapp.core.localize.places import VerifiedPhoto, estimate_places
 from webapp.core.retrieval.indexed import IndexedMap
-from webapp.core.retrieval.shortlist import ShortlistedPhoto
+from webapp.core.retrieval.retrieve import ShortlistedPhoto
 
 QUERY = (tilted(0.5, 0.05), np.array([25.0, -30.0]))
 PHOTO = (tilted(0.3), np.array([0.0, 0.0]))

@@ -11,7 +11,7 @@ from webapp.core.hypotheses.calibration import DEFAULT, probabilities
 from webapp.core.localize.evidence import Spots, evidence_vectors, photo_spots, support
 from webapp.core.localize.places import VerifiedPhoto, estimate_places, voters_of
 from webapp.core.retrieval.indexed import IndexedMap
-from webapp.core.retrieval.shortlist import ShortlistedPhoto
+from webapp.core.retrieval.retrieve import ShortlistedPhoto
 
 
 def the_map(*positions):

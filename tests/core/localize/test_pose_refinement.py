@@ -7,8 +7,13 @@ import pytest
 from tests.core.photos_in_a_room import RADIUS, RAY_SIGMA, Scene, cameras, tilted
 from webapp.core.geometry import so3
 from webapp.core.geometry.extrinsics import MapExtrinsics, empty_depths
-from webapp.core.localize.pose_refinement import _score, estimate_poses
-from webapp.core.localize.pose_residuals import collect_correspondences, depth_residual, epipolar_residual
+from webapp.core.localize.pose_refinement import (
+    _score,
+    collect_correspondences,
+    depth_residual,
+    epipolar_residual,
+    estimate_poses,
+)
 from webapp.core.tuning import DEFAULT
 
 

@@ -10,7 +10,7 @@ from webapp.core.localize.verified import find_places
 from webapp.core.retrieval.engines.bruteforce import BruteForce
 from webapp.core.retrieval.engines.segment import Segment
 from webapp.core.retrieval.indexed import IndexedMap
-from webapp.core.retrieval.shortlist import ShortlistedPhoto, rematch_with_network
+from webapp.core.retrieval.retrieve import ShortlistedPhoto, rematch_with_network
 
 PHOTOS, KEYPOINTS, WIDTH = 3, 30, 32
 

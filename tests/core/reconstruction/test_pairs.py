@@ -12,7 +12,7 @@ from webapp.core.reconstruction.pairs import (
     concatenate,
     strongest_partners,
 )
-from webapp.core.retrieval.shortlist import ShortlistedPhoto
+from webapp.core.retrieval.retrieve import ShortlistedPhoto
 
 
 def pair(first, second, trust, rays):

@@ -5,7 +5,7 @@ import numpy as np
 from webapp.core.retrieval.engines.bruteforce import BruteForce
 from webapp.core.retrieval.engines.segment import Segment
 from webapp.core.retrieval.indexed import IndexedMap, candidates
-from webapp.core.retrieval.shortlist import shortlist, weighted_votes
+from webapp.core.retrieval.retrieve import shortlist, weighted_votes
 
 LENGTHS = [[0, 5, 0, 7], [6, 0, 4]]
 

@@ -12,7 +12,7 @@ from webapp.core.retrieval.engines.bruteforce import BruteForce
 from webapp.core.retrieval.engines.segment import Segment
 from webapp.core.retrieval.global_descriptors import GlobalDescriptors
 from webapp.core.retrieval.indexed import IndexedMap
-from webapp.core.retrieval.similar import fused_ranking, with_similar
+from webapp.core.retrieval.retrieve import fused_ranking, with_similar
 
 PHOTOS, KEYPOINTS, WIDTH = 24, 30, 32
 

@@ -8,8 +8,7 @@ from tests.files.landmarks.drifted_walk import PHOTOS, drifted, walk, write_matc
 from webapp.core.landmarks.control_points import KnownPoint
 from webapp.core.landmarks.georegister import georegister
 from webapp.core.landmarks.placing import KnownPositions
-from webapp.core.landmarks.similarity import fit_similarity
-from webapp.core.landmarks.submodels import Submodel
+from webapp.core.landmarks.submodels import Submodel, fit_similarity
 from webapp.files.landmarks import adjust as adjusting
 from webapp.files.landmarks.adjust import adjust, agreed_rotation
 from webapp.files.landmarks.colmap import StoredSubmodels, as_model

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from webapp.core.features.table import choose
-from webapp.core.retrieval.engines import ivf, tiers
+from webapp.core.retrieval.engines import ivf, types
 from webapp.errors import IndexDamaged, StorageError
 from webapp.files.localize.index_store import (
     FORMAT,
@@ -223,7 +223,7 @@ def test_a_missing_or_other_search_index_is_damaged(tmp_path, kind):
 @pytest.mark.skipif(sys.platform != "linux", reason="asks the kernel what is mapped")
 @pytest.mark.parametrize("compressed", [True, False])
 def test_codes_are_in_memory_once(tmp_path, monkeypatch, compressed):
-    monkeypatch.setattr(tiers, "_WHOLE_BELOW", 0 if compressed else 10_000)
+    monkeypatch.setattr(types, "_WHOLE_BELOW", 0 if compressed else 10_000)
     index, rows = trained("float")
     path = tmp_path / "once.ivf"
     write_search_index(path, index, kind="float")

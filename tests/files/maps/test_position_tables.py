@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from pyproj import Transformer
+from pyproj import CRS, Transformer
 
 from webapp.core.geo.types import LatLon
 from webapp.errors import TableError
@@ -183,3 +183,81 @@ def test_many_comments_take_little_time():
     (found,) = read_table(text.encode(), None, where="list.txt", formats="a table")
     assert (found.name, found.position) == ("a.jpg", A)
     assert time.process_time() - before < 4
+
+
+OTHER_HEADERS = {
+    "Čas snímku;Název;Zem. šířka;Zem. délka": "cp1250",
+    "zdjęcie;szerokość geograficzna;długość geograficzna": "cp1250",
+    "Soubor,Severní šířka,Východní délka": "cp1250",
+    "Bildname;Größe;Geogr. Breite;Geogr. Länge": "cp1252",
+    "Nom de fichier;Légende;Latitude (degrés);Longitude (degrés)": "cp1252",
+}
+
+
+@pytest.mark.parametrize("header", OTHER_HEADERS)
+def test_the_code_page_is_the_one_in_which_the_headers_make_sense(tmp_path, header):
+    delimiter = ";" if ";" in header else ","
+    name = next(n for n, cell in enumerate(header.split(delimiter)) if cell[0] in "NzSB")
+    cells = ["1"] * header.count(delimiter) + ["1"]
+    cells[name], cells[-2], cells[-1] = "a.jpg", "50.1", "14.4"
+    text = f"{header}\n{delimiter.join(cells)}\n"
+    assert read(tmp_path, text, encoding=OTHER_HEADERS[header]).by_name == {"a.jpg": A}
+
+
+@pytest.mark.parametrize(
+    ("names", "page"),
+    [
+        (["Třebíč náměstí.jpg", "Kroměříž.jpg"], "cp1250"),
+        (["Łódź.jpg", "Kraków żółty.jpg"], "cp1250"),
+        (["Straße.jpg", "Brücke.jpg"], "cp1252"),
+        (["Église.jpg", "forêt à côté.jpg"], "cp1252"),
+        (["Peñíscola.jpg", "Avión.jpg"], "cp1252"),
+        (["Tromsø.jpg", "Ålesund.jpg"], "cp1252"),
+    ],
+)
+def test_the_code_page_is_the_one_in_which_the_names_are_words_of_a_language(tmp_path, names, page):
+    rows = "".join(f"{name};50.1;14.4\n" for name in names)
+    assert set(read(tmp_path, f"name;lat;lon\n{rows}", encoding=page).by_name) == set(names)
+
+
+ON_EARTH = {
+    "Pix4D": "imagename,latitude [decimal degrees],longitude [decimal degrees],altitude [meter],accuracy "
+    "horizontal [meter],accuracy vertical [meter]\na.jpg,50.1,14.4,230,5,10",
+    "Pix4D, parameters": "imageName longitude latitude altitude omega phi kappa\na.jpg 14.4 50.1 230 0 0 0",
+    "Pix4D, tabs": "Image Name\tLatitude\tLongitude\tAltitude\tOmega\na.jpg\t50.1\t14.4\t230\t0",
+    "Metashape": f"# CoordinateSystem: {CRS.from_epsg(4326).to_wkt('WKT1_GDAL')}\n"
+    "#Label,X/Longitude,Y/Latitude,Z/Altitude,Error_(m),X_est,Y_est\na.jpg,14.4,50.1,230,,14,50\n# Total",
+    "Metashape, other order": "#Label\tY/Latitude\tX/Longitude\tZ/Altitude\na.jpg\t50.1\t14.4\t230",
+    "Metashape, decimal commas": "Label;Longitude;Latitude;Altitude;Yaw\na.jpg;14,4;50,1;230;",
+    "system in the first line": "EPSG:4326\nname;x;y;z\na.jpg;14,4;50,1;230",
+    "one side of pixels": "name,lat,lon,x\na.jpg,50.1,14.4,7",
+}
+
+
+@pytest.mark.parametrize("program", ON_EARTH)
+def test_columns_in_the_orders_of_photogrammetry_programs(tmp_path, program):
+    assert read(tmp_path, f"{ON_EARTH[program]}\n").by_name == {"a.jpg": A}
+
+
+@pytest.mark.parametrize("header", ["name;easting [m];northing [m]", "Label,X/East,Y/North,Z", "name x y"])
+def test_a_table_may_begin_with_its_coordinate_system(tmp_path, header):
+    mark = next(one for one in ";, " if one in header)
+    x, y = utm(A)
+    text = f"EPSG:32633\n{header}\n{mark.join(('a.jpg', str(x), str(y), '230'))}\n"
+    assert near(read(tmp_path, text).by_name, {"a.jpg": A})
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        ("imagename,X [meter],Y [meter],Z [meter]", "in metres, and the table states no coordinate system"),
+        ("imagename,easting [m],northing [m],altitude [m]", "in metres, and the table states no coordinate"),
+        ("imageName X Y Z Omega Phi Kappa", "x and y with heights or angles are no pixels"),
+        ("#name,x,y,alt,heading,pitch,roll", "x and y with heights or angles are no pixels"),
+        ("PhotoID, X, Y, Z, Omega, Phi, Kappa", "x and y with heights or angles are no pixels"),
+    ],
+)
+def test_x_and_y_that_are_no_pixels_are_refused_in_a_sentence(tmp_path, header, message):
+    mark = "," if "," in header else " "
+    with pytest.raises(TableError, match=message):
+        read(tmp_path, f"{header}\n{mark.join(('a.jpg', '458000', '5550000', '230', '0', '0', '0'))}\n")

@@ -4,6 +4,7 @@ import json
 import time
 
 import pytest
+from pyproj import Transformer
 
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import CfgError, TableError, TrackError, UsageError
@@ -186,3 +187,24 @@ def test_damaged_lists_are_refused(tmp_path, text, says):
     with pytest.raises((TableError, TrackError)) as caught:
         read_positions(listing(tmp_path, text, "any.txt"))
     assert says in str(caught.value)
+
+
+@pytest.mark.parametrize("code", ["urn:ogc:def:crs:EPSG::32633", "EPSG:3857", "EPSG:5514"])
+def test_a_geojson_of_photos_in_another_coordinate_system_is_transformed_or_refused(tmp_path, code):
+    epsg = int(code.rpartition(":")[2])
+    xy = Transformer.from_crs(4326, epsg, always_xy=True).transform(14.4, 50.1)
+    point = {
+        "type": "Feature",
+        "properties": {"photo": "a.jpg"},
+        "geometry": {"type": "Point", "coordinates": xy},
+    }
+    whole = {"type": "FeatureCollection", "features": [point]}
+    path = tmp_path / "a.geojson"
+    path.write_text(json.dumps({**whole, "crs": {"type": "name", "properties": {"name": code}}}))
+    assert tuple(read_positions(path).by_name["a.jpg"]) == pytest.approx((50.1, 14.4), abs=1e-7)
+    path.write_text(json.dumps(whole))
+    with pytest.raises(TableError, match="beyond degrees, and the file states no coordinate system"):
+        read_positions(path)
+    path.write_text(json.dumps({**whole, "crs": {"type": "name", "properties": {"name": "EPSG:999999"}}}))
+    with pytest.raises(TableError, match="coordinate system 'EPSG:999999' is not known"):
+        read_positions(path)

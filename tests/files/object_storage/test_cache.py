@@ -7,7 +7,8 @@ import time
 import numpy as np
 import pytest
 
-from webapp.files.object_storage import cache, storage
+from webapp.files import contents
+from webapp.files.object_storage import cache
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs /proc")
@@ -15,13 +16,13 @@ def test_a_file_that_stays_mapped_is_not_evicted(node, tmp_path):
     paths = [tmp_path / f"{name}.jpg" for name in ("the index", "old", "new")]
     for path in paths:
         path.write_bytes(os.urandom(1000))
-    with storage.using(node()):
+    with contents.using(node()):
         for path in paths:
-            storage.publish(path)
-    with storage.using(node("small", limit=2500, stays_s=0.0)):
+            contents.publish(path)
+    with contents.using(node("small", limit=2500, stays_s=0.0)):
         places, open_map = [], None
         for path in paths:
-            places.append(storage.local(path))
+            places.append(contents.local(path))
             open_map = np.memmap(places[0], np.uint8, "r") if open_map is None else open_map
             time.sleep(0.01)
         assert [place.exists() for place in places] == [True, False, True]

@@ -16,7 +16,7 @@ from PIL.JpegImagePlugin import JpegImageFile
 
 from tests.photo_files import progressive_jpeg
 from webapp.errors import PhotoError
-from webapp.files.decode import decode, has_too_many_scans, open_image
+from webapp.files.decode import contrast_note, decode, has_too_many_scans, open_image
 from webapp.files.photos.exif_gps import Gps
 from webapp.files.photos.photo import read_facts, read_gray, read_upright, turn_upright
 from webapp.settings import PhotoLimits
@@ -349,6 +349,29 @@ def test_16_bits_of_which_few_are_used_are_stretched(black, white):
     assert found.min() < 8 and found.max() > 247 and np.abs(found[0] - np.linspace(0, 255, 64)).max() < 8
     flat = read_gray(encode(np.full((48, 64), black + 300, np.uint16), "PNG"), limits=LIMITS).pixels
     assert np.ptp(flat) == 0
+
+
+@pytest.mark.parametrize(("black", "white"), [(0, 1023), (0, 4095), (7000, 8020)], ids=["10", "12", "high"])
+@pytest.mark.parametrize("kind", [".png", ".tif"])
+@pytest.mark.parametrize("bands", [3, 4])
+def test_colours_of_16_bits_of_which_few_are_used_are_stretched(black, white, kind, bands):
+    ramp = np.linspace(black, white, 64).astype(np.uint16)
+    blue = np.tile(ramp, (48, 1))
+    channels = [blue, blue[:, ::-1], np.full_like(blue, black), np.full_like(blue, 65535)][:bands]
+    data = cv2.imencode(kind, np.dstack(channels))[1].tobytes()
+    blue, green, red = np.moveaxis(read_upright(data, limits=LIMITS).astype(int), 2, 0)
+    expected = np.linspace(0, 255, 64)
+    assert np.abs(blue - expected).max() < 8
+    assert np.abs(green - expected[::-1]).max() < 8
+    assert red.max() < 8
+    assert "contrast was stretched" in contrast_note(data, limits=LIMITS)
+
+
+def test_colours_of_all_16_bits_are_not_stretched():
+    data = cv2.imencode(".png", np.full((48, 64, 3), (0, 30_000, 65_535), np.uint16))[1].tobytes()
+    with open_image(data, limits=LIMITS) as image:
+        assert decode(image, "RGB")[0, 0].tolist() == [255, 117, 0]
+    assert contrast_note(data, limits=LIMITS) is None
 
 
 def tiff_in_one_tile(width, height, side):

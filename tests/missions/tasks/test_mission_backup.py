@@ -23,7 +23,7 @@ from webapp.store.library import DATABASE, open_library
 from webapp.store.operate import snapshot
 from webapp.store.schema import Account
 from webapp.tasks.maps import adopt_map, export
-from webapp.tasks.operate import backup, restore
+from webapp.tasks.operate import backup
 from webapp.tasks.operate.backup import readers
 
 
@@ -62,7 +62,7 @@ def photo_of(library, mission):
 def test_a_mission_comes_back(library, mission, tmp_path):
     report = backup.back_up(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
     assert report.missing == ()
-    restore.restore(tmp_path / "b.zip", tmp_path / "other", parts=PARTS, progress=Progress())
+    backup.restore(tmp_path / "b.zip", tmp_path / "other", parts=PARTS, progress=Progress())
     restored = open_library(tmp_path / "other")
     with restored.database.read() as session:
         (track,) = tracks.list_tracks(session, mission)
@@ -102,7 +102,7 @@ def fused_track(library, mission):
 def test_a_fused_track_comes_back_with_its_report(library, fused, tmp_path):
     report = backup.back_up(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
     assert report.missing == ()
-    restore.restore(tmp_path / "b.zip", tmp_path / "other", parts=PARTS, progress=Progress())
+    backup.restore(tmp_path / "b.zip", tmp_path / "other", parts=PARTS, progress=Progress())
     restored = open_library(tmp_path / "other")
     assert fused_track(restored, fused) == fused_track(library, fused)
     assert fuse.read_report(restored, fused) == fuse.read_report(library, fused)

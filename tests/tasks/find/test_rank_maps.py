@@ -12,7 +12,7 @@ from webapp.store.maps import photo_vectors as stored
 from webapp.store.operate import jobs
 from webapp.store.schema import Account, MapRecord
 from webapp.tasks.find import describe_library, find_map
-from webapp.tasks.find.rank_maps import MapRanking
+from webapp.tasks.find.find_map import MapRanking
 from webapp.tasks.localize.map_cache import MapCache
 from webapp.tasks.localize.upload import UploadedPhoto
 from webapp.tasks.maps import adopt_map, delete_map

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from webapp.core.geo.types import MapPixel
-from webapp.core.hypotheses.circle_prior import CirclePrior
 from webapp.core.hypotheses.model import Answer, Evidence, FieldOfView, Hypothesis, MatchStatistics
-from webapp.core.hypotheses.path_prior import fit_path_prior
+from webapp.core.hypotheses.priors import CirclePrior, fit_path_prior
 from webapp.tasks.localize import spot
 from webapp.tasks.localize.spot import Hints
 

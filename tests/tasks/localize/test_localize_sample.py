@@ -12,7 +12,7 @@ import pytest
 from webapp.core.geo.georeference import Georeference
 from webapp.core.localize import verified
 from webapp.core.retrieval.indexed import candidates
-from webapp.core.retrieval.shortlist import filter_by_rotation, shortlist, weighted_votes
+from webapp.core.retrieval.retrieve import filter_by_rotation, shortlist, weighted_votes
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.evaluation.measure import with_hidden_photos

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from tests.opening import open_first_look
-from webapp.core.retrieval import shortlist
+from webapp.core.retrieval import retrieve
 from webapp.errors import MissingPart
 from webapp.files.localize import models as files
 from webapp.progress import Progress
@@ -21,7 +21,7 @@ def test_photos_are_matched_by_the_network_and_calibrated_for_it(
     tmp_path, make_map, quick, shared_models, monkeypatch
 ):
     matched = []
-    original = shortlist.rematch_with_network
+    original = retrieve.rematch_with_network
     monkeypatch.setattr(
         "webapp.core.localize.verified.rematch_with_network",
         lambda *given, **named: matched.append(given) or original(*given, **named),

@@ -28,7 +28,6 @@ from webapp.store.maps import edits, maps
 from webapp.store.schema import Base, Job, MapRecord, QueryRecord
 from webapp.tasks.maps import adopt_map, delete_map, export
 from webapp.tasks.operate import backup as backup_library
-from webapp.tasks.operate import restore as restore_library
 
 
 @pytest.fixture
@@ -76,7 +75,7 @@ def restore(archive, tmp_path):
     opened = []
 
     def run(**options):
-        restore_library.restore(archive, tmp_path / "restored", parts=PARTS, progress=Progress(), **options)
+        backup_library.restore(archive, tmp_path / "restored", parts=PARTS, progress=Progress(), **options)
         opened.append(open_library(tmp_path / "restored"))
         return opened[0]
 
@@ -276,7 +275,7 @@ def test_a_damaged_backup_changes_nothing(damage, back_up, archive, tmp_path):
     there.mkdir()
     (there / "mine").write_text("mine")
     with pytest.raises(InputError):
-        restore_library.restore(archive, there, force=True, parts=PARTS, progress=Progress())
+        backup_library.restore(archive, there, force=True, parts=PARTS, progress=Progress())
     assert [p.name for p in there.iterdir()] == ["mine"]
 
 
@@ -285,7 +284,7 @@ def test_a_backup_that_was_cut_changes_nothing(share, back_up, archive, tmp_path
     back_up()
     os.truncate(archive, int(archive.stat().st_size * share))
     with pytest.raises(InputError):
-        restore_library.restore(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
+        backup_library.restore(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
     assert not (tmp_path / "restored").exists()
 
 
@@ -298,7 +297,7 @@ def test_each_byte_counts(place, back_up, archive, tmp_path):
     data[sizes[0] + 200 + int(place * (sizes[-1] - 400))] ^= 1
     archive.write_bytes(data)
     try:
-        restore_library.restore(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
+        backup_library.restore(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
     except (InputError, StorageError):
         assert not list(tmp_path.glob("restored/*"))
     else:  # a byte outside all files, such as the time in a header
@@ -318,7 +317,7 @@ def test_a_database_that_is_damaged_inside_is_found(back_up, archive, tmp_path):
 
     rewritten(archive, damage)
     with pytest.raises(StorageError):
-        restore_library.restore(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
+        backup_library.restore(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
     assert not list(tmp_path.glob("restored/*"))
 
 
@@ -326,7 +325,7 @@ def test_only_an_empty_folder_is_filled(back_up, archive, library):
     back_up()
     before = rows(library)
     with pytest.raises(UsageError, match="not empty"):
-        restore_library.restore(archive, library.folder, parts=PARTS, progress=Progress())
+        backup_library.restore(archive, library.folder, parts=PARTS, progress=Progress())
     assert rows(library) == before
 
 
@@ -334,7 +333,7 @@ def test_by_force_what_was_there_is_kept(library, back_up, archive):
     back_up()
     move(library, 55.0)
     library.database.close()
-    report = restore_library.restore(archive, library.folder, force=True, parts=PARTS, progress=Progress())
+    report = backup_library.restore(archive, library.folder, force=True, parts=PARTS, progress=Progress())
     with library.database.read() as session:
         assert maps.find(session, "park", account=accounts.ensure_owner(session)).revision < 3
     library.database.close()
@@ -348,16 +347,14 @@ def test_not_under_a_running_worker(library, back_up, archive):
     back_up()
     sign = ProcessLock(library.inner / "workers")
     with pytest.raises(Conflict, match="running"):
-        restore_library.restore(archive, library.folder, force=True, parts=PARTS, progress=Progress())
+        backup_library.restore(archive, library.folder, force=True, parts=PARTS, progress=Progress())
     sign.release()
-    restore_library.restore(archive, library.folder, force=True, parts=PARTS, progress=Progress())
+    backup_library.restore(archive, library.folder, force=True, parts=PARTS, progress=Progress())
 
 
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises((StorageError, NotFound)):
-        restore_library.restore(
-            tmp_path / "none.zip", tmp_path / "restored", parts=PARTS, progress=Progress()
-        )
+        backup_library.restore(tmp_path / "none.zip", tmp_path / "restored", parts=PARTS, progress=Progress())
 
 
 def test_while_the_map_is_edited_all_the_time(library, back_up, restore):
@@ -393,7 +390,7 @@ import os, sys, signal
 from pathlib import Path
 from webapp.app.registry import PARTS
 from webapp.progress import Progress
-from webapp.tasks.operate import restore
+from webapp.tasks.operate import backup
 
 def kill(*_, **__):
     os.kill(os.getpid(), signal.SIGKILL)
@@ -410,7 +407,7 @@ class Killed(Progress):
 
 Path.rename = count
 progress = Killed() if left < 0 else Progress()
-restore.restore(Path(sys.argv[1]), Path(sys.argv[2]), parts=PARTS, force=True, progress=progress)
+backup.restore(Path(sys.argv[1]), Path(sys.argv[2]), parts=PARTS, force=True, progress=progress)
 """
 
 
@@ -422,7 +419,7 @@ def test_a_restore_that_was_killed_is_done_again(library, back_up, archive, rena
     library.database.close()
     words = [sys.executable, "-c", KILLED_RESTORE, archive, library.folder, str(renames)]
     assert subprocess.run(words).returncode == -signal.SIGKILL
-    restore_library.restore(archive, library.folder, force=True, parts=PARTS, progress=Progress())
+    backup_library.restore(archive, library.folder, force=True, parts=PARTS, progress=Progress())
     restored = open_library(library.folder)
     try:
         assert files(restored) == expected
@@ -465,5 +462,5 @@ def test_a_hostile_backup_changes_nothing(library, back_up, archive, tmp_path, s
 
     rewritten(archive, change)
     with pytest.raises((InputError, StorageError), match=error):
-        restore_library.restore(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
+        backup_library.restore(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
     assert list((tmp_path / "restored").iterdir()) == []

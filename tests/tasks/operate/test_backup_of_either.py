@@ -11,7 +11,7 @@ from webapp.progress import Progress
 from webapp.store.accounts import accounts
 from webapp.store.library import open_library
 from webapp.store.schema import Account
-from webapp.tasks.operate import backup, restore
+from webapp.tasks.operate import backup
 
 
 def new_account(library):
@@ -33,12 +33,12 @@ def test_a_backup_of_either_is_restored_into_either(folder, server, made_on, tmp
     report = backup.back_up(library, tmp_path / "a.zip", parts=PARTS, progress=Progress())
     library.database.close()
     assert (report.maps, report.photos) == (1, 3)
-    restore.restore(tmp_path / "a.zip", tmp_path / "file", parts=PARTS, progress=Progress())
+    backup.restore(tmp_path / "a.zip", tmp_path / "file", parts=PARTS, progress=Progress())
     assert opens(tmp_path / "file", None)
     assert before <= set(hashes(file_url(tmp_path / "file"), tmp_path))
     into = server()
     restored = tmp_path / "server"
-    restore.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, progress=Progress())
+    backup.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, progress=Progress())
     assert before <= set(hashes(into, tmp_path))
     assert opens(restored, into)
     for place, address in ((tmp_path / "file", None), (restored, into)):
@@ -47,7 +47,7 @@ def test_a_backup_of_either_is_restored_into_either(folder, server, made_on, tmp
         library.database.close()
     assert (restored / "park" / "map.cfg").read_bytes() == (folder / "park" / "map.cfg").read_bytes()
     with pytest.raises(UsageError, match="not empty"):
-        restore.restore(tmp_path / "a.zip", tmp_path / "more", parts=PARTS, url=into, progress=Progress())
+        backup.restore(tmp_path / "a.zip", tmp_path / "more", parts=PARTS, url=into, progress=Progress())
 
 
 def test_a_restore_into_a_server_that_was_stopped_begins_anew(folder, server, tmp_path, monkeypatch):
@@ -60,13 +60,13 @@ def test_a_restore_into_a_server_that_was_stopped_begins_anew(folder, server, tm
         raise Stop
 
     with monkeypatch.context() as patched:
-        patched.setattr(restore, "_swap", fail)
+        patched.setattr(backup, "_swap", fail)
         with pytest.raises(Stop):
-            restore.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, progress=Progress())
+            backup.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, progress=Progress())
     with pytest.raises(StorageError, match="has not finished"):
         open_library(restored, url=into)
     shutil.rmtree(restored)
-    restore.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, progress=Progress())
+    backup.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, progress=Progress())
     assert opens(restored, into)
 
 
@@ -82,10 +82,10 @@ def test_a_restore_that_was_stopped_after_the_files_were_placed_says_how_to_go_o
         raise Stop
 
     with monkeypatch.context() as patched:
-        patched.setattr(restore.marks, "unmark_filling", fail)
+        patched.setattr(backup.marks, "unmark_filling", fail)
         with pytest.raises(Stop):
-            restore.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, progress=Progress())
+            backup.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, progress=Progress())
     with pytest.raises(UsageError, match="stopped just before its end: repeat it with --force"):
-        restore.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, progress=Progress())
-    restore.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, force=True, progress=Progress())
+        backup.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, progress=Progress())
+    backup.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, force=True, progress=Progress())
     assert opens(restored, into)

@@ -9,19 +9,20 @@ import pytest
 from tests.killing import Step, run_until
 from webapp.cli.library import existing_library
 from webapp.errors import UsageError
-from webapp.files.object_storage import storage
-from webapp.files.object_storage.connect import connect
+from webapp.files import contents
+from webapp.files.contents import connect
 from webapp.files.object_storage.pointer import pointed_path
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store import clock
 from webapp.store.accounts import accounts
 from webapp.tasks.maps import adopt_map
-from webapp.tasks.operate import maintain_objects, move_objects
+from webapp.tasks.operate import maintain_objects, move
 
 pytestmark = pytest.mark.slow
 
-STORAGE, MOVE = "webapp.files.object_storage.storage", "webapp.tasks.operate.move_objects"
+STORAGE, MOVE = "webapp.files.object_storage.storage", "webapp.tasks.operate.move"
+CONTENTS = "webapp.files.contents"
 FILES = 4
 
 INTO_S3 = [
@@ -34,10 +35,10 @@ INTO_S3 = [
     Step(f"{MOVE}:move_to_storage", is_after=True),
 ]
 BACK = [
-    Step(f"{STORAGE}:shutil.copyfile", is_after=True),
-    Step(f"{STORAGE}:move_in"),
-    Step(f"{STORAGE}:move_in", is_after=True),
-    Step(f"{STORAGE}:discard", is_after=True),
+    Step(f"{CONTENTS}:shutil.copyfile", is_after=True),
+    Step(f"{CONTENTS}:move_in"),
+    Step(f"{CONTENTS}:move_in", is_after=True),
+    Step(f"{CONTENTS}:discard", is_after=True),
     Step(f"{MOVE}:now"),
     Step(f"{MOVE}:move_to_folder", is_after=True),
 ]
@@ -47,12 +48,12 @@ BACK = [
 def into_s3(settings, variables):
     os.environ.update(variables)
     with existing_library(settings) as library:
-        return move_objects.move_to_storage(library, settings, progress=Progress())
+        return move.move_to_storage(library, settings, progress=Progress())
 
 
 def back(settings, variables):
     os.environ.update(variables)
-    return move_objects.move_to_folder(settings.library, settings, progress=Progress())
+    return move.move_to_folder(settings.library, settings, progress=Progress())
 
 
 @pytest.fixture
@@ -66,7 +67,7 @@ def database_url(postgresql):
 @pytest.fixture
 def bucket(s3):
     yield s3.new_bucket()
-    storage.use(None)
+    contents.use(None)
 
 
 @pytest.fixture
@@ -98,8 +99,8 @@ def files(settings):
 
 def readable(settings, cache):
     """Return the content of each file as a machine with an empty cache reads it."""
-    with storage.using(connect(replace(settings, cache_folder=cache))):
-        return {path.name: storage.local(path).read_bytes() for path in paths(settings)}
+    with contents.using(connect(replace(settings, cache_folder=cache))):
+        return {path.name: contents.local(path).read_bytes() for path in paths(settings)}
 
 
 def objects(s3, bucket):

@@ -1,6 +1,8 @@
 """An area exported from a local tile service: corners and landmarks are correct to a pixel."""
 
 import json
+import sqlite3
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -248,3 +250,41 @@ def test_the_job_gives_the_map_its_image(library, map_id, settings):
     assert run_job(context)["tiles"] == result["tiles"]
     with library.database.read() as session:
         assert session.get(MapRecord, map_id).revision == revision, "done again, it changes nothing"
+
+
+def test_a_file_of_tiles_needs_no_network(library, map_id, server, settings, tmp_path):
+    box = BOX
+    cut = satellite_tiles.cut_of(box, 17)
+    with closing(sqlite3.connect(tmp_path / "park.mbtiles")) as database:
+        database.execute("CREATE TABLE tiles (zoom_level, tile_column, tile_row, tile_data BLOB)")
+        for tile, _, _ in cut.tiles():
+            row = (17, tile.x, (1 << 17) - 1 - tile.y, server.draw(17, tile.x, tile.y))
+            database.execute("INSERT INTO tiles VALUES (?, ?, ?, ?)", row)
+        database.commit()
+    services = [{"name": "Own", "file": "park.mbtiles", "attribution": "© us", "max_zoom": 17}]
+    settings.tile_services.write_text(json.dumps(services))
+    request = TileRequest("Own", box, 17)
+    found = satellite_tiles.fetch_tiles(
+        library, map_id, request=request, settings=settings, progress=Progress()
+    )
+    assert (found.missing, found.attribution, server.asked.total()) == (0, "© us", 0)
+    folder = library.map_folder("park")
+    pixels = np.asarray(Image.open(folder / found.new.path).convert("RGB")).astype(int)
+    for lat, lon in LANDMARKS:
+        x, y = (
+            value - edge for value, edge in zip(global_pixel(lat, lon, 17), (cut.left, cut.top), strict=True)
+        )
+        assert tuple(pixels[y, x]) == (255, 0, 0)
+
+
+def test_a_service_has_an_address_or_a_file_that_exists(settings):
+    one = {"name": "Own", "attribution": "© us", "max_zoom": 17}
+    url = "https://a.example/{z}/{x}/{y}"
+    for fields, message in (
+        ({}, "missing"),
+        ({"file": "x.mbtiles", "url": url}, "invalid"),
+        ({"file": "missing.mbtiles"}, "does not exist"),
+    ):
+        settings.tile_services.write_text(json.dumps([{**one, **fields}]))
+        with pytest.raises(UsageError, match=message):
+            satellite_tiles.tile_services(settings.tile_services)

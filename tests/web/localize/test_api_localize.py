@@ -67,7 +67,8 @@ def as_events(client, ask, *photos, **options):
 def test_the_first_look_is_sent_before_the_answer(client, sample, ask, queries, monkeypatch):
     response, events = as_events(client, ask, queries / "query_01.jpg")
     assert response.mimetype == "text/event-stream"
-    assert [kind for kind, _ in events] == ["answer"]
+    assert events[0] == ("progress", {"photos": 60, "done": 0, "total": 1})
+    assert [kind for kind, _ in events] == ["progress", "answer"]
     run = LocalizationPipeline.observe
 
     def twice(pipeline, photo, *, on_first, **options):
@@ -76,7 +77,7 @@ def test_the_first_look_is_sent_before_the_answer(client, sample, ask, queries, 
         return answer
 
     monkeypatch.setattr(LocalizationPipeline, "observe", twice)
-    _, ((first, so_far), (kind, answer)) = as_events(client, ask, queries / "query_01.jpg")
+    _, (_, (first, so_far), (kind, answer)) = as_events(client, ask, queries / "query_01.jpg")
     assert (first, kind, so_far.keys(), answer.keys()) == (
         "first",
         "answer",
@@ -101,7 +102,7 @@ def test_an_error_after_the_first_look_is_an_event(client, sample, ask, queries,
         raise StorageError("the disk is full")
 
     monkeypatch.setattr(LocalizationPipeline, "observe", fail)
-    _, ((first, _), (kind, data)) = as_events(client, ask, queries / "query_01.jpg")
+    _, (_, (first, _), (kind, data)) = as_events(client, ask, queries / "query_01.jpg")
     assert (first, kind, data["status"]) == ("first", "error", 507)
     assert data["error"]["message"] == "the disk is full"
 

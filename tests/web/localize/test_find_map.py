@@ -11,7 +11,7 @@ from webapp.app.main import COMPOSITION, root
 from webapp.errors import BeingOpened, NotReady, StorageUnavailable
 from webapp.store.maps import maps
 from webapp.tasks.find import find_map
-from webapp.tasks.find.rank_maps import MapRanking
+from webapp.tasks.find.find_map import MapRanking
 from webapp.tasks.localize import map_cache
 from webapp.tasks.localize.map_cache import MapCache
 from webapp.tasks.localize.plan import OpenOptions
@@ -40,6 +40,14 @@ def test_the_map_is_found_and_others_are_named(client, sample, empty, queries):
     assert len(best["answer"]["hypotheses"]) == 1
     (skipped,) = found["not_searched"]
     assert skipped["slug"] == empty and "image" in skipped["reason"]
+
+
+def test_which_map_is_being_searched_is_sent_as_an_event(client, sample, queries):
+    client.environ_base["HTTP_ACCEPT"] = "text/event-stream, application/json;q=0.5"
+    progress, answer = ask(client, queries / "query_02.jpg").get_data(as_text=True).split("\n\n")[:-1]
+    assert progress.startswith("event: progress\ndata: ")
+    assert json.loads(progress.split("data: ")[1]) == {"map": "Sample", "done": 0, "total": 1}
+    assert json.loads(answer.removeprefix("event: answer\ndata: "))["maps"][0]["slug"] == "sample"
 
 
 def test_why_a_map_was_not_searched_is_in_the_language_of_the_page(client, empty, queries):

@@ -29,14 +29,15 @@ from webapp.cli.progressbar import TerminalProgress
 from webapp.core.features.table import choose
 from webapp.core.landmarks.cloud import LandmarkCloud
 from webapp.errors import DiskFull, StorageError, StorageUnavailable, UsageError
+from webapp.files import contents
 from webapp.files.atomic import write_text
+from webapp.files.contents import connect
 from webapp.files.landmarks import cloud
 from webapp.files.localize import orientations
 from webapp.files.maps.folder import read_map
 from webapp.files.object_storage import bucket as bucket_module
 from webapp.files.object_storage import storage
 from webapp.files.object_storage.bucket import Bucket
-from webapp.files.object_storage.connect import connect
 from webapp.files.object_storage.marker import MARKER
 from webapp.files.object_storage.pointer import pointed_path, pointer_path, read_pointer
 from webapp.jobs.worker import Worker
@@ -52,11 +53,10 @@ from webapp.tasks.localize.build_index import BuildRequest, update_index
 from webapp.tasks.localize.index_location import has_landmarks, landmarks_folder
 from webapp.tasks.maps import adopt_map, findings, photo_files
 from webapp.tasks.maps.delete_map import delete_map
-from webapp.tasks.operate import maintain_objects, move_objects, open_storage
-from webapp.tasks.operate.backup import back_up
-from webapp.tasks.operate.move import move_to_file
-from webapp.tasks.operate.move_objects import move_to_folder
-from webapp.tasks.operate.restore import restore
+from webapp.tasks.operate import maintain_objects, open_storage
+from webapp.tasks.operate import move as move_library
+from webapp.tasks.operate.backup import back_up, restore
+from webapp.tasks.operate.move import move_to_file, move_to_folder
 from webapp.tasks.satellite import display
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -109,7 +109,7 @@ def settings(tmp_path, database_url, bucket, monkeypatch):
         upload=UploadLimits(chunk_mb=0.01, reserve_mb=0.0),
         extract=ExtractSettings(max_side_px=320, keypoints=120),
     )
-    storage.use(None)
+    contents.use(None)
 
 
 @pytest.fixture
@@ -138,7 +138,7 @@ def row(library, make_map, owner, settings):
     """The id of a map whose photos and index are files, as before the library had object storage."""
     make_map(library.map_folder("row"), 4)
     id = adopt_map.adopt_map(library, "row", account_id=owner.id)
-    storage.use(None)
+    contents.use(None)
     Worker(library, replace(settings, storage=None), registry=REGISTRY).run(once=True)
     return id
 
@@ -216,7 +216,7 @@ def test_a_photo_of_one_machine_is_read_on_another(machine, library, park, s3, b
 
 def test_nothing_is_copied_into_the_cache_while_others_wait(machine, library, park, s3, monkeypatch):
     here, copied, waiting = machine("a"), [], []
-    cache, changing = storage.in_use().cache, type(library).changing
+    cache, changing = contents.in_use().cache, type(library).changing
     adopt = cache.adopt
 
     @contextmanager
@@ -372,7 +372,7 @@ def test_a_cold_machine_answers_as_a_warm_one(
     cold = ask(machine("b"), photo, slug="row").get_json()
     assert cold["hypotheses"] == warm["hypotheses"] != []
     for path in segments:
-        assert storage.local(path).read_bytes() == files[path], "the index is the same, byte for byte"
+        assert contents.local(path).read_bytes() == files[path], "the index is the same, byte for byte"
     assert len(objects_in(s3, bucket)) == before
     assert findings.list_findings(library, moved, settings=settings) == []
 
@@ -446,7 +446,7 @@ def test_an_image_and_what_is_made_of_it_come_from_its_storage(machine, moved, l
     assert read_pointer(plan) is not None and not plan.exists()
     shown = client.get("/api/v1/maps/row/satellite", buffered=True)
     assert (shown.status_code, shown.mimetype) == (200, "image/png")
-    assert shown.data == storage.local(plan).read_bytes()
+    assert shown.data == contents.local(plan).read_bytes()
     assert client.get("/api/v1/maps/row/thumbnail", buffered=True).status_code == 200
     assert client.get("/api/v1/maps/row/export.zip", buffered=True).data.count(b"plan.png") >= 1
     copy = duplicate_map(library, moved, account_id=owner.id, name="Copy")
@@ -483,11 +483,11 @@ def test_landmarks_are_found_in_their_storage(moved, library, tmp_path, settings
     )  # fmt: skip
     cloud.write_cloud(file, cloud.StoredCloud(empty, "key"))
     assert not file.exists() and has_landmarks(cfg)
-    before = storage.facts_of(file)
+    before = contents.facts_of(file)
     connect(replace(settings, cache_folder=tmp_path / "b"))
     assert cloud.read_cloud(file).key == "key"
     cloud.write_cloud(file, cloud.StoredCloud(empty, "another"))
-    assert cloud.read_cloud(file).key == "another" and storage.facts_of(file) != before
+    assert cloud.read_cloud(file).key == "another" and contents.facts_of(file) != before
 
 
 def test_a_photo_that_was_replaced_by_hand_is_stored(moved, library):
@@ -498,7 +498,7 @@ def test_a_photo_that_was_replaced_by_hand_is_stored(moved, library):
 
 
 def test_a_photo_that_is_deleted_while_it_is_stored_gets_no_pointer(moved, library, monkeypatch):
-    photo, real = library.map_folder("row") / "photos/0.jpg", storage.in_use().store
+    photo, real = library.map_folder("row") / "photos/0.jpg", contents.in_use().store
     photo.write_bytes(jpeg(7))
 
     def store(path):
@@ -507,7 +507,7 @@ def test_a_photo_that_is_deleted_while_it_is_stored_gets_no_pointer(moved, libra
         pointer_path(path).unlink()
         return stored
 
-    monkeypatch.setattr(storage.in_use(), "store", store)
+    monkeypatch.setattr(contents.in_use(), "store", store)
     assert maintain_objects.move_photos(library) == 0
     assert not pointer_path(photo).exists()
 
@@ -528,7 +528,7 @@ def test_a_move_into_s3_waits_for_a_worker_that_is_at_it(move, library, monkeypa
         lock.release()
 
     monkeypatch.setattr(TerminalProgress, "note", note)
-    monkeypatch.setattr(move_objects, "_LOOK_S", 0.1)
+    monkeypatch.setattr(move_library, "_CANCEL_LOOK_S", 0.1)
     with FileLock(library.inner / "objects.lock") as lock:
         code, out, _ = move()
     assert (code, out.partition(",")[0]) == (0, f"{library.folder}: 1 files")
@@ -536,7 +536,7 @@ def test_a_move_into_s3_waits_for_a_worker_that_is_at_it(move, library, monkeypa
 
 
 def test_a_move_into_s3_does_not_wait_for_ever(move, library, monkeypatch):
-    monkeypatch.setattr(move_objects, "_WAIT_S", 0.2)
+    monkeypatch.setattr(move_library, "_WORKER_WAIT_S", 0.2)
     with FileLock(library.inner / "objects.lock"):
         assert maintain_objects.move_photos(library) == 0, "a worker does not wait"
         code, out, said = move()
@@ -580,7 +580,7 @@ def test_a_storage_that_was_claimed_by_a_start_that_failed_is_still_ours(
     monkeypatch.setattr(open_storage, "write_text", write_text)
     for _ in range(2):
         open_storage.open_storage(library, settings)
-    open_storage.check_owner(library.inner, storage.in_use())
+    open_storage.check_owner(library.inner, contents.in_use())
     assert [path.name for path in library.inner.glob("object-storage*")] == [MARKER]
 
 
@@ -658,7 +658,7 @@ def test_a_map_in_a_library_is_built_and_localized_from_its_storage(
 ):
     cfg, linked = library.cfg("row"), tmp_path / "linked"
     linked.symlink_to(library.folder, target_is_directory=True)
-    storage.use(None)
+    contents.use(None)
     assert expmap("build", linked / "row" / "map.cfg")[0] == 0
     assert {p.suffix for p in map(pointed_path, cfg.parent.glob("derived/map/*/.*.object"))} >= {".features"}
     before = objects_in(s3, bucket)
@@ -672,7 +672,7 @@ def test_a_map_in_no_library_needs_no_storage(settings, make_map, expmap, tmp_pa
     cfg = make_map(tmp_path / "alone", 4)
     assert expmap("build", cfg)[0] == 0
     assert s3.requests == [] and [*cfg.parent.glob("derived/map/*/*.features")]
-    assert storage.in_use() is None
+    assert contents.in_use() is None
 
 
 def test_objects_of_a_deleted_map_stay_for_their_readers_and_are_then_swept(
@@ -759,21 +759,21 @@ def test_a_backup_has_what_is_in_s3_and_is_restored_into_a_folder_or_into_s3(
 ):
     machine("a")
     send(machine("a"), jpeg(side=40), slug="row")
-    photos = {path: storage.local(path).read_bytes() for path in stored_files(library.map_folder("row"))}
+    photos = {path: contents.local(path).read_bytes() for path in stored_files(library.map_folder("row"))}
     assert len(photos) == 6
     machine("cold")
     warm = next(iter(photos))
-    storage.local(warm)
-    cached = storage.in_use().cache.size()
+    contents.local(warm)
+    cached = contents.in_use().cache.size()
     report = back_up(library, tmp_path / "backup.zip", parts=(), progress=Progress())
     assert (report.photos, report.missing) == (5, ())
-    assert storage.in_use().cache.size() == cached and not [*storage.in_use().cache.folder.glob("once/.*")]
+    assert contents.in_use().cache.size() == cached and not [*contents.in_use().cache.folder.glob("once/.*")]
     with zipfile.ZipFile(tmp_path / "backup.zip") as zipped:
         assert not [name for name in zipped.namelist() if name.endswith(".object")]
         for path, data in photos.items():
             assert zipped.read(f"maps/{path.relative_to(library.folder).as_posix()}") == data
 
-    storage.use(None)
+    contents.use(None)
     plain = tmp_path / "plain"
     restore(tmp_path / "backup.zip", plain, parts=(), progress=Progress())
     assert all((plain / path.relative_to(library.folder)).read_bytes() == photos[path] for path in photos)
@@ -787,7 +787,7 @@ def test_a_backup_has_what_is_in_s3_and_is_restored_into_a_folder_or_into_s3(
         connect(replace(other, cache_folder=tmp_path / "again-cold"))
         for path, data in photos.items():
             there = again / path.relative_to(library.folder)
-            assert read_pointer(there) is not None and storage.local(there).read_bytes() == data
+            assert read_pointer(there) is not None and contents.local(there).read_bytes() == data
 
 
 def test_photos_move_into_s3_and_back(row, library, settings, expmap, s3, bucket, tmp_path, monkeypatch):
@@ -907,7 +907,7 @@ def test_kills_in_the_middle_of_uploads_lose_nothing_and_leave_orphans_that_are_
         data = cold.get(f"/api/v1/maps/{park}/photos/{id}/original", buffered=True).data
         assert hashlib.sha256(data).hexdigest() == sha256
     assert send(client, jpeg(999))["id"] not in rows
-    unfinished = storage.in_use().store(files[-1]) if files[-1].exists() else None
+    unfinished = contents.in_use().store(files[-1]) if files[-1].exists() else None
     assert unfinished is not None, "the last file was not reached"
     photo_files.sweep_orphans(library, map_id)
     for hours in (0, 12, 25):
@@ -954,7 +954,7 @@ def test_what_does_not_fit_together_is_refused(machine, library, settings, tmp_p
     assert settings.storage in unset.value.hint
     with pytest.raises(StorageError, match="are in an object storage"):
         open_storage.open_storage(library, replace(settings, storage="s3://another"))
-    with storage.using(None), pytest.raises(UsageError, match="would lack the photos"):
+    with contents.using(None), pytest.raises(UsageError, match="would lack the photos"):
         back_up(library, tmp_path / "backup.zip", parts=(), progress=Progress())
     with pytest.raises(UsageError, match="would lack the photos"):
         move_to_file(library.folder, settings.database, progress=Progress())

@@ -499,8 +499,19 @@ class TestFilesBesidePhotos:
             out.write(np.zeros((1, 30, 40), np.uint8))
         with library.database.write() as session:
             record = session.query(MapRecord).filter_by(slug=park).one()
-            record.satellite_width, record.satellite_height = 200, 150
+            record.satellite_path, record.satellite_width, record.satellite_height = "s.png", 200, 150
         sheet = io.BytesIO()
         Image.new("RGB", (200, 150)).save(sheet, "PNG")
         answers = send((plan.getvalue(), "a.tif"), (sheet.getvalue(), "b.png"), (jpeg(7), "c.jpg")).json
         assert ["like a plan" in " ".join(one["notes"]) for one in answers] == [True, True, False]
+        assert [one["is_plan"] for one in answers] == [True, True, False]
+
+    def test_on_a_map_without_an_image_a_drawing_may_become_it(self, send, library, park):
+        sheet = io.BytesIO()
+        Image.new("RGB", (300, 250), "white").save(sheet, "PNG")
+        files = (sheet.getvalue(), "plan.png"), (jpeg(7), "c.jpg")
+        assert [one["is_plan"] for one in send(*files).json] == [True, False]
+        with library.database.write() as session:
+            record = session.query(MapRecord).filter_by(slug=park).one()
+            record.satellite_path, record.satellite_width, record.satellite_height = "s.png", 200, 150
+        assert [one["is_plan"] for one in send(*files).json] == [False, False]

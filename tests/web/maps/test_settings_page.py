@@ -1,4 +1,4 @@
-"""Sharing a map, and the permissions of each role."""
+"""The settings of a map, the button that shares it, and the permissions of each role."""
 
 import pytest
 
@@ -27,33 +27,13 @@ def roles(library, slug, account):
         return {person.name: role for person, role in accounts.members_of(session, record)}
 
 
-def test_an_owner_shares_and_takes_back(library, people, shared, sign_in, new_account):
-    client, eve = sign_in(people["owner"]), new_account("Eve")
-    where = f"/maps/{shared}/settings"
-    assert client.post(f"{where}/members", data={"name": "eve", "role": "viewer"}).status_code == 303
-    assert roles(library, shared, people["owner"])["Eve"] == "viewer"
-    assert sign_in(eve).get(where).status_code == 200
-    assert client.post(f"{where}/members", data={"name": "Eve", "role": "editor"}).status_code == 303
-    assert roles(library, shared, people["owner"])["Eve"] == "editor"
-    assert client.post(f"{where}/members/{eve.id}/remove").status_code == 303
-    assert sign_in(eve).get(where).status_code == 404
-
-
-@pytest.mark.parametrize(
-    ("data", "status"),
-    [
-        ({"name": "nobody", "role": "viewer"}, 404),
-        ({"name": "Viewer", "role": "king"}, 400),
-        ({"name": "Viewer"}, 400),
-        ({"name": "Owner", "role": "viewer"}, 400),
-    ],
-)
-def test_what_cannot_be_is_reported_and_changes_nothing(library, people, shared, sign_in, data, status):
-    before = roles(library, shared, people["owner"])
-    answer = sign_in(people["owner"]).post(f"/maps/{shared}/settings/members", data=data)
-    assert answer.status_code == status
-    assert 'data-testid="error-message"' in answer.text
-    assert roles(library, shared, people["owner"]) == before
+@pytest.mark.parametrize(("role", "shown"), [("owner", True), ("editor", False), ("viewer", False)])
+def test_only_owners_get_the_button_that_shares(people, shared, sign_in, role, shown):
+    client = sign_in(people[role])
+    for name in ("edit", "localize", "image", "quality", "settings"):
+        page = client.get(f"/maps/{shared}/{name}").text
+        assert (f'data-share="{shared}"' in page) == shown, name
+    assert "Editor" in page, "the settings name the members"
 
 
 @pytest.mark.parametrize("role", ["editor", "viewer"])
@@ -61,8 +41,6 @@ def test_only_owners_change_settings(library, people, shared, sign_in, role):
     client, where = sign_in(people[role]), f"/maps/{shared}/settings"
     assert client.get(where).status_code == 200
     assert client.post(f"{where}/name", data={"name": "Mine"}).status_code == 403
-    assert client.post(f"{where}/members", data={"name": "Viewer", "role": "owner"}).status_code == 403
-    assert client.post(f"{where}/members/{people['owner'].id}/remove").status_code == 403
     assert roles(library, shared, people["owner"]) == {
         "Owner": "owner",
         "Editor": "editor",
@@ -73,8 +51,7 @@ def test_only_owners_change_settings(library, people, shared, sign_in, role):
 def test_everybody_may_leave_but_the_last_owner(people, shared, sign_in):
     for role, status in (("viewer", 303), ("owner", 400)):
         client = sign_in(people[role])
-        answer = client.post(f"/maps/{shared}/settings/members/{people[role].id}/remove")
-        assert answer.status_code == status
+        assert client.post(f"/maps/{shared}/settings/leave").status_code == status
 
 
 def test_a_map_gets_another_name(people, shared, sign_in):

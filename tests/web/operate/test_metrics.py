@@ -12,7 +12,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from webapp.errors import MissingPart, StorageError
-from webapp.files.object_storage import storage
+from webapp.files import contents
 from webapp.files.object_storage.bucket import Bucket
 from webapp.files.object_storage.cache import ObjectCache
 from webapp.files.object_storage.storage import ObjectStorage
@@ -66,8 +66,8 @@ def stored(app, s3, tmp_path):
     """A file that is an object, and a machine without a copy."""
     bucket, path = Bucket(f"s3://{s3.new_bucket()}"), tmp_path / "photo.jpg"
     path.write_bytes(b"photo")
-    with storage.using(ObjectStorage(bucket, ObjectCache(tmp_path / "warm", limit=10**6))):
-        storage.publish(path)
+    with contents.using(ObjectStorage(bucket, ObjectCache(tmp_path / "warm", limit=10**6))):
+        contents.publish(path)
     yield path, ObjectStorage(bucket, ObjectCache(tmp_path / "cold", limit=10**6))
     watch(None)
 
@@ -133,8 +133,8 @@ def test_the_board_asks_for_figures_that_there_are(app, stranger, client, park, 
         metrics.count_answer({"extract": 0.02, "total": 0.2})
     metrics.look_counter(app)(True)
     path, cold = stored
-    with storage.using(cold):
-        storage.local(path)
+    with contents.using(cold):
+        contents.local(path)
         families = text_string_to_metric_families(stranger.get("/metrics", headers=TOKEN).text)
     labels = {}
     for sample in (sample for family in families for sample in family.samples):
@@ -161,11 +161,11 @@ def test_the_board_asks_for_figures_that_there_are(app, stranger, client, park, 
 
 def test_the_object_storage_and_its_cache(app, figures, stored, s3):
     path, cold = stored
-    with storage.using(cold):
-        storage.local(path)
-        storage.local(path)
+    with contents.using(cold):
+        contents.local(path)
+        contents.local(path)
         s3.refuse = (503, "SlowDown")
-        assert not storage.reachable()
+        assert not contents.reachable()
         found = figures()
         assert found["expmap_storage_cache_bytes",] == 5
     counted = {

@@ -3,6 +3,8 @@
 import dataclasses
 import io
 import json
+import sqlite3
+from contextlib import closing
 
 import pytest
 from PIL import Image
@@ -72,3 +74,22 @@ def test_visitors_get_the_addresses_of_public_services_only(client, stranger, pa
         assert answer.status_code == 200 and "https://open.example/{z}/{x}/{y}" in answer.text
         assert "SECRET" not in answer.text and "paid" not in answer.headers["Content-Security-Policy"]
     assert "SECRET" in client.get(f"/maps/{park}/edit").text
+
+
+def test_a_file_of_tiles_is_shown_by_this_server(client, stranger, park, services, tmp_path):
+    with closing(sqlite3.connect(tmp_path / "park.mbtiles")) as database:
+        database.execute("CREATE TABLE tiles (zoom_level, tile_column, tile_row, tile_data BLOB)")
+        database.execute("INSERT INTO tiles VALUES (1, 0, 1, ?)", (b"\xff\xd8\xff a picture",))
+        database.commit()
+    own = {"name": "Own / map", "file": "park.mbtiles", "attribution": "© us", "max_zoom": 1}
+    services(json.dumps([own, {**own, "name": "Open", "public": True}, service("t")]))
+    page = client.get(f"/maps/{park}/edit")
+    assert "/api/v1/tile-services/Own%20%2F%20map/tiles/{z}/{x}/{y}" in page.text
+    (found, *_) = client.get("/api/v1/tile-services").json["services"]
+    tile = client.get(found["url"].format(z=1, x=0, y=0))
+    assert (tile.status_code, tile.mimetype, tile.data) == (200, "image/jpeg", b"\xff\xd8\xff a picture")
+    for z, x, y in ((1, 1, 0), (2, 0, 0), (1, 2, 0), (0, 0, 0)):
+        assert client.get(found["url"].format(z=z, x=x, y=y)).status_code == 404
+    assert client.get("/api/v1/tile-services/t/tiles/0/0/0").status_code == 404
+    assert stranger.get(found["url"].format(z=1, x=0, y=0)).status_code == 401
+    assert stranger.get("/api/v1/tile-services/Open/tiles/1/0/0").status_code == 200

@@ -332,6 +332,20 @@ def test_visitors_localize_where_the_owner_allows_it(library, client, full, stra
     assert list(library.uploads.glob("*.part")) == []
 
 
+def test_visitors_get_the_first_look_as_an_event(library, stranger, share, asked, monkeypatch):
+    answer = upload.localize_uploads
+
+    def report_first(maps, map_id, *, request):
+        request.send("first", answer(maps, map_id, request=request).form)
+        return answer(maps, map_id, request=request)
+
+    monkeypatch.setattr(upload, "localize_uploads", report_first)
+    stranger.environ_base["HTTP_ACCEPT"] = "text/event-stream, application/json;q=0.5"
+    events = ask(stranger, share(localize=True)).get_data(as_text=True).split("\n\n")[:-1]
+    assert [event.split("\n")[0] for event in events] == ["event: first", "event: answer"]
+    assert list(library.uploads.glob("*.part")) == []
+
+
 def test_visitors_cannot_ask_without_end(stranger, share, asked, settings):
     shared = share(localize=True)
     most = settings.web.visitor_questions_per_minute

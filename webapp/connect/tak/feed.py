@@ -52,11 +52,13 @@ class TakFeed:
         self.unreadable = 0  # Events that are neither XML nor protobuf of version 1
         try:
             if self._is_stream:
-                self._socket = open_stream(scheme, host, port, certificate=certificate, authority=authority)
+                self._socket = open_stream(
+                    host, port, secured=scheme == "tls", certificate=certificate, authority=authority
+                )
             else:
                 self._socket = _listening(host, port, interface)
         except OSError as error:
-            raise failure(error, "cannot receive", address) from error
+            raise failure(error, what="cannot receive", address=address) from error
 
     def __enter__(self) -> TakFeed:
         """Return the feed itself."""
@@ -97,7 +99,7 @@ class TakFeed:
         try:
             self._socket.sendall(to_xml(ping))
         except OSError as error:
-            raise failure(error, "the connection was lost", self._address) from error
+            raise failure(error, what="the connection was lost", address=self._address) from error
 
     def _stream(self) -> bytes:
         parts: list[bytes] = []
@@ -118,7 +120,7 @@ class TakFeed:
             except TimeoutError:
                 return
             except OSError as error:
-                raise failure(error, "the connection was lost", self._address) from error
+                raise failure(error, what="the connection was lost", address=self._address) from error
 
 
 def _listening(host: str, port: int, interface: str | None) -> socket.socket:

@@ -10,8 +10,9 @@ from typing import Any
 
 from webapp.connect.tak.events import UNKNOWN_M, CotEvent
 from webapp.core.landmarks.radii import RADIUS_OVER_SIGMA
+from webapp.errors import InputError
+from webapp.missions.core.trajectory.batch import parse
 from webapp.missions.core.trajectory.outgoing import MissionExport
-from webapp.robot.fields import FieldError, check_record
 
 _OBJECTS = {
     "b-a-": "emergency",
@@ -34,7 +35,7 @@ class Incoming:
         self.left_out: Counter[str] = Counter()  # By type: what a mission has no place for
 
     def records(self, events: Iterable[CotEvent]) -> Iterator[dict[str, Any]]:
-        """Yield the records of events, as `webapp.robot.fields` defines them."""
+        """Yield the records of events, as `batch.parse` reads them."""
         for event in events:
             if event.uid.startswith(self._own) or event.type.startswith("t-"):
                 continue
@@ -79,8 +80,8 @@ def _record(event: CotEvent, name: str) -> dict[str, Any] | None:
     else:
         return None
     try:
-        check_record(record)
-    except FieldError:
+        parse([record])
+    except InputError:
         return None
     return record
 

@@ -51,10 +51,10 @@ class TakLink:
                 self._socket = _datagrams(host, port, interface)
             else:
                 self._socket = open_stream(
-                    self._scheme, host, port, certificate=certificate, authority=authority
+                    host, port, secured=self._scheme == "tls", certificate=certificate, authority=authority
                 )
         except OSError as error:
-            raise failure(error, _SENDING, address) from error
+            raise failure(error, what=_SENDING, address=address) from error
 
     def __enter__(self) -> Self:
         """Return the link itself."""
@@ -79,12 +79,12 @@ class TakLink:
             try:
                 self._socket.sendall(data)
             except OSError as error:
-                raise failure(error, _SENDING, self._address) from error
+                raise failure(error, what=_SENDING, address=self._address) from error
             count += 1
         return count
 
 
-def failure(error: OSError, what: str, address: str) -> InputError:
+def failure(error: OSError, *, what: str, address: str) -> InputError:
     """Return the error that says why a connection failed."""
     if isinstance(error, ssl.SSLError):
         return InputError(
@@ -118,11 +118,11 @@ def parsed(address: str, *, secured: bool) -> tuple[str, str, int]:
 
 
 def open_stream(
-    scheme: str, host: str, port: int, *, certificate: Path | None, authority: Path | None
+    host: str, port: int, *, secured: bool, certificate: Path | None, authority: Path | None
 ) -> socket.socket:
     """Connect by TCP or TLS; raises OSError."""
     plain = socket.create_connection((host, port), timeout=_TIMEOUT_S)
-    return _secured(plain, host, certificate=certificate, authority=authority) if scheme == "tls" else plain
+    return _secured(plain, host, certificate=certificate, authority=authority) if secured else plain
 
 
 def datagram_address(host: str, port: int) -> tuple[int, int, int, str, tuple[Any, ...]]:

@@ -1,7 +1,7 @@
 """Sampson error of the epipolar constraint between pairs of cameras, at depth 1.
 
 It is the first-order distance of a match from satisfying the constraint (Sampson 1982; Hartley and Zisserman,
-"Multiple View Geometry", 2004, 11.4.3). `core/localize/pose_residuals.py` computes it for many poses of one
+"Multiple View Geometry", 2004, 11.4.3). `core/localize/pose_refinement.py` computes it for many poses of one
 camera at once.
 """
 

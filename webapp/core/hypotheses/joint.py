@@ -17,7 +17,7 @@ import numpy as np
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.bayes import rerank, split_missed, truncate
 from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
-from webapp.core.hypotheses.path_prior import PathPrior
+from webapp.core.hypotheses.priors import PathPrior
 
 _FURTHER_WEIGHT = 0.5
 """Weight of each photo other than the one with the strongest support."""

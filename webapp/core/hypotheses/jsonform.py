@@ -10,9 +10,8 @@ from typing import Any
 from webapp.core.geo.floors import BASE_FLOOR, Floor
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
-from webapp.core.geometry.camera_pose import CameraPose
 from webapp.core.geometry.estimate import NoPose
-from webapp.core.hypotheses.model import Answer, AnswerSource, Hypothesis, MatchStatistics
+from webapp.core.hypotheses.model import Answer, AnswerSource, CameraPose, Hypothesis, MatchStatistics
 from webapp.core.hypotheses.verdict import sentence_of, verdict_of
 
 STAGES = ("read", "extract", "retrieve", "verify", "position", "total")

@@ -1,7 +1,4 @@
-"""Verdict on an answer (certain, uncertain, not on the map, nothing to see), and the sentence that states it.
-
-Web pages implement the same rule in `verdict.js`.
-"""
+"""The verdict on an answer: certain, uncertain, not on the map, nothing to see; and its sentence."""
 
 from __future__ import annotations
 

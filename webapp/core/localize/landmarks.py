@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 
 from webapp.core.features.types import Features
 from webapp.core.geo.types import MapPixel
-from webapp.core.geometry.camera_pose import CameraPose
 from webapp.core.geometry.estimate import NoPose
 from webapp.core.geometry.relative_pose import Camera, RelativePose
 from webapp.core.hypotheses.calibration import DEFAULT, weigh
-from webapp.core.hypotheses.model import Answer
+from webapp.core.hypotheses.model import Answer, CameraPose
 from webapp.core.landmarks.absolute_pose import (
     AbsolutePose,
     Lens,
@@ -39,8 +38,7 @@ from webapp.core.localize.places import PlaceCandidate, VerifiedPhoto, voters_of
 from webapp.core.localize.verified import PlaceSearch
 from webapp.core.localize.vote import match_statistics
 from webapp.core.retrieval.indexed import IndexedMap
-from webapp.core.retrieval.retrieve import retrieve
-from webapp.core.retrieval.shortlist import ShortlistedPhoto
+from webapp.core.retrieval.retrieve import ShortlistedPhoto, retrieve
 
 Array = NDArray[np.float64]
 

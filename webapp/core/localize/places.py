@@ -12,17 +12,16 @@ from numpy.typing import NDArray
 
 from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel
-from webapp.core.geometry.camera_pose import CameraPose
 from webapp.core.geometry.estimate import NoPose
 from webapp.core.geometry.extrinsics import MIN_TRUST
 from webapp.core.geometry.relative_pose import RelativePose
 from webapp.core.hypotheses.calibration import Calibration
+from webapp.core.hypotheses.model import CameraPose
 from webapp.core.localize.evidence import Voters, photo_spots, similarity_around, support
-from webapp.core.localize.pose_refinement import PoseEstimate, estimate_poses
-from webapp.core.localize.pose_residuals import VerifiedView
+from webapp.core.localize.pose_refinement import PoseEstimate, VerifiedView, estimate_poses
 from webapp.core.localize.resection import MIN_BEARINGS, Bearings, Resection, resect
 from webapp.core.retrieval.indexed import IndexedMap
-from webapp.core.retrieval.shortlist import ShortlistedPhoto
+from webapp.core.retrieval.retrieve import ShortlistedPhoto
 from webapp.core.tuning import PlacesTuning
 
 _SCHEMATIC_SIGMA = 0.5

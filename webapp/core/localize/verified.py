@@ -33,13 +33,13 @@ from webapp.core.localize.places import PlaceCandidate, VerifiedPhoto, estimate_
 from webapp.core.localize.vote import match_statistics
 from webapp.core.reconstruction.depths import DepthsExcluding
 from webapp.core.retrieval.indexed import IndexedMap, candidates
-from webapp.core.retrieval.retrieve import retrieve
-from webapp.core.retrieval.shortlist import (
+from webapp.core.retrieval.retrieve import (
     ShortlistedPhoto,
     filter_by_rotation,
     mean_turn_deg,
     quarter_turns,
     rematch_with_network,
+    retrieve,
     shortlist,
     weighted_votes,
 )

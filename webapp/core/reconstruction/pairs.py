@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from webapp.core.features.lightglue import PairMatcher
 from webapp.core.geometry.relative_pose import Camera, RelativePose, relative_pose
 from webapp.core.retrieval.indexed import Candidates, IndexedMap, candidates
-from webapp.core.retrieval.shortlist import (
+from webapp.core.retrieval.retrieve import (
     ShortlistedPhoto,
     filter_by_rotation,
     rematch_with_network,

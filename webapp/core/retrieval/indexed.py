@@ -15,8 +15,8 @@ from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geometry import so3
 from webapp.core.geometry.extrinsics import MIN_TRUST, MapExtrinsics
 from webapp.core.geometry.relative_pose import Camera
-from webapp.core.hypotheses.path_prior import PathPrior, fit_path_prior
 from webapp.core.hypotheses.places import MapKind
+from webapp.core.hypotheses.priors import PathPrior, fit_path_prior
 from webapp.core.retrieval.engines.segment import Segment
 from webapp.core.retrieval.engines.twostage import TwoStage
 from webapp.core.retrieval.engines.types import DescriptorSearch

@@ -1,20 +1,64 @@
-"""Writes GeoJSON (RFC 7946; longitude before latitude) as a stream."""
+"""Writes GeoJSON (RFC 7946; longitude before latitude) as a stream, and reads its coordinate system."""
 
 from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain
 from typing import Any
 
+from webapp.core.geo.crs import parse_crs
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.core.mapmodel.model import WRITTEN, Experience, Map
 from webapp.core.mapmodel.notes import MapNote
+from webapp.errors import GeoreferenceError, InputError
 
+_CRS = re.compile(
+    r"(?:urn:(?:x-)?ogc:def:crs:|https?://www\.opengis\.net/(?:def/crs/|gml/srs/)|)"
+    r"(?:(epsg|ogc|esri|ignf)(?:\.xml)?[:/#](?:[\w.]*[:/])?)?(\w+)",
+    re.IGNORECASE,
+)
+"""`EPSG:25833`, `urn:ogc:def:crs:EPSG::25833`, `http://www.opengis.net/def/crs/EPSG/0/25833`, `25833` ..."""
+
+_WGS84 = {"EPSG:4326", "EPSG:4979", "OGC:CRS84", "OGC:CRS84H"}
+
+EXPORT_WGS84 = "export it in WGS 84 (EPSG:4326)"
+NO_PLANE = "the coordinates, such as {}, are beyond degrees, and the file states no coordinate system"
 _DIGITS = 9
 """Decimals of degrees: a tenth of a millimetre."""
+
+
+def stated_plane(holder: Any, usual: str | None = None, *, error: type[InputError]) -> str | None:
+    """Return the coordinate system of a document, a feature or a geometry, from `crs`; None for WGS 84.
+
+    Args:
+        usual: That of what holds it.
+        error: Raised if it has one that is not known.
+    """
+    given = holder.get("crs") if isinstance(holder, dict) else None
+    if not isinstance(given, dict):
+        return usual
+    about = given.get("properties")
+    about = about if isinstance(about, dict) else {}
+    named = str(about.get("name") or about.get("code") or about.get("href") or given.get("type"))
+    found = _CRS.fullmatch(named.strip())
+    code = f"{(found[1] or 'EPSG').upper()}:{found[2]}" if found else named
+    if code in _WGS84:
+        return None
+    try:
+        parse_crs(code)
+    except GeoreferenceError as problem:
+        message = f"the coordinate system {named[:80]!r} is not known"
+        raise error(message, where="crs", hint=EXPORT_WGS84) from problem
+    return code
+
+
+def is_beyond_degrees(x: float, y: float) -> bool:
+    """Return whether a position is so far outside degrees that it must be in metres."""
+    return abs(x) > 360.0 or abs(y) > 180.0
 
 
 def format_geojson(map_: Map, georeference: Georeference, *, title: str) -> Iterator[bytes]:

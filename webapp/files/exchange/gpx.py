@@ -10,7 +10,7 @@ from typing import BinaryIO, Literal, NamedTuple
 from xml.etree.ElementTree import Element
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.track import FixTrack, make_track
+from webapp.core.trajectory import FixTrack, make_track
 from webapp.errors import TrackError
 from webapp.files.exchange.times import unix_time
 from webapp.files.exchange.xml import child_text, local_name, number, walk

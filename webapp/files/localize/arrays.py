@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from webapp.errors import IndexDamaged, ObjectLost
 from webapp.files import atomic
-from webapp.files.object_storage.storage import local, replaced, settle
+from webapp.files.contents import local, replaced, settle
 from webapp.files.sealed import sealed, unsealed
 
 _GAP_BYTES = 16_384

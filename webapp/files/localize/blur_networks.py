@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from webapp.core.detections import ObjectDetector
-from webapp.core.faces import YuNet
-from webapp.core.plates import LpdYuNet
+from webapp.core.detections import LpdYuNet, ObjectDetector, YuNet
 from webapp.errors import MissingPart
 from webapp.files.localize.models import checked_weights, find_weights, installed
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.errors import IndexDamaged, StorageError
+from webapp.files.contents import facts_of
 from webapp.files.localize.arrays import read_arrays, write_arrays
-from webapp.files.object_storage.storage import facts_of
 
 FORMAT = 1
 """To be increased when the vectors change their meaning."""

@@ -30,10 +30,8 @@ import faiss
 from webapp.core.features.table import FeatureChoice
 from webapp.core.features.types import Engine, Kind
 from webapp.errors import IndexDamaged, StorageError
-from webapp.files import atomic
+from webapp.files import atomic, contents
 from webapp.files.localize.arrays import REPAIR, present
-from webapp.files.object_storage import storage
-from webapp.files.object_storage.pointer import SUFFIX, pointed_path
 from webapp.files.sealed import sealed, unsealed
 from webapp.settings import ExtractSettings
 
@@ -170,7 +168,7 @@ class IndexFolder:
         keep = self._named(manifest)
         try:
             for path in [*self.folder.iterdir(), *self.spool.iterdir()]:
-                named = pointed_path(path) if path.suffix == SUFFIX else path
+                named = path.with_name(contents.shown_name(path.name))
                 if named.suffix in _OURS and named not in keep:
                     with suppress(PermissionError):  # open in a reader, on Windows: left for the next time
                         path.unlink(missing_ok=True)
@@ -188,26 +186,27 @@ class IndexFolder:
         return named
 
     def publish(self, manifest: Manifest) -> None:
-        """Turn the files that a manifest names into objects, before it is written; see `storage.settle`.
+        """Turn the files that a manifest names into objects, before it is written; see `contents.settle`.
 
         Raises StorageError.
         """
         for path in sorted(self._named(manifest)):
-            storage.settle(path)
+            contents.settle(path)
 
     def fetch(self, manifest: Manifest) -> None:
         """Fetch segments and codes that are objects in parallel; reading would fetch them one by one.
 
         Raises StorageError.
         """
-        storage.fetch_together(sorted(self._named(manifest) - {self.codebook_path(manifest.codebook)}))
+        contents.fetch_together(sorted(self._named(manifest) - {self.codebook_path(manifest.codebook)}))
 
     def bytes_on_disk(self) -> int:
         """Sum the sizes of all files of the index, skipping those that a build removes meanwhile."""
         total = 0
         for path in self.folder.rglob("*"):
             with suppress(FileNotFoundError):
-                pointer = storage.pointer_of(pointed_path(path)) if path.suffix == SUFFIX else None
+                shown = path.with_name(contents.shown_name(path.name))
+                pointer = contents.pointer_of(shown) if shown != path else None
                 total += pointer.bytes if pointer else path.stat().st_size if path.is_file() else 0
         return total
 
@@ -239,7 +238,7 @@ def write_search_index(path: Path, index: Any, *, kind: Kind) -> str:
     digest = hashlib.sha256(data).hexdigest()[:16]
     target = path.with_name(path.name.replace("{hash}", digest))
     atomic.write_bytes(target, data)
-    storage.replaced(target)
+    contents.replaced(target)
     return digest
 
 

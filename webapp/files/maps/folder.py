@@ -12,10 +12,10 @@ from webapp.core.mapmodel.model import Experience, Map, Placement, UnplacedPhoto
 from webapp.core.mapmodel.paths import name_problem
 from webapp.errors import MapError
 from webapp.files.atomic import write_bytes
+from webapp.files.contents import hash_of, local
 from webapp.files.maps.cfg import format_cfg, parse_cfg, read_bytes, read_cfg
 from webapp.files.maps.lists import LISTS
 from webapp.files.maps.map_json import MapJson, MapJsonPhoto, format_map_json, parse_map_json
-from webapp.files.object_storage.storage import hash_of, local
 from webapp.files.part_file import sha256_of
 
 

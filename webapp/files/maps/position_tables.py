@@ -12,7 +12,7 @@ import io
 import math
 import re
 import unicodedata
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
@@ -20,10 +20,10 @@ from webapp.core.columns import (
     LONGEST_HEADER,
     PHOTO_FIELDS,
     Column,
-    ColumnFields,
     Columns,
     guess_columns,
     parse_columns,
+    read_header,
 )
 from webapp.core.geo.crs import crs_name, latlon_from_plane
 from webapp.core.geo.fit import check_positions
@@ -31,52 +31,6 @@ from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import GeoreferenceError, TableError, TrackError
 from webapp.files.decode import PHOTO_SUFFIXES
 from webapp.files.text_file import cell_text, delimiter_of, numbered_lines, split_row
-
-_WORDS: Mapping[str, Sequence[str]] = {
-    "name": (
-        "imagename",
-        "photoname",
-        "label",
-        "image_filename",
-        *("bild", "bildname", "foto", "fotoname", "datei", "dateiname"),
-        *("nazev", "nazev_souboru", "soubor", "fotka", "snimek", "obrazek", "jmeno"),
-        *("nombre", "archivo", "fichero", "imagen", "nombre_de_archivo", "fotografia"),
-        *("nom", "fichier", "nom_du_fichier", "photographie"),
-    ),
-    "lat": (
-        *("x_lat", "y/latitude", "gps_latitude", "latitude_wgs84"),
-        *("geographische_breite", "breitengrad", "geogr_breite"),
-        *("sirka", "zemepisna_sirka", "zem_sirka", "sev_sirka"),
-        *("latitud", "lat_wgs84"),
-    ),
-    "lon": (
-        *("x/longitude", "gps_longitude", "longitude_wgs84"),
-        *("lange", "laenge", "geographische_lange", "geographische_laenge", "langengrad", "laengengrad"),
-        *("geogr_lange", "geogr_laenge"),
-        *("delka", "zemepisna_delka", "zem_delka", "vych_delka"),
-        *("longitud", "lon_wgs84", "lng_wgs84"),
-    ),
-    "x": ("x/easting", "x/east", "easting", "geo_x"),
-    "y": ("y/northing", "y/north", "northing", "geo_y"),
-    "heading": (
-        *("richtung", "blickrichtung", "kurs", "ausrichtung"),
-        *("smer", "kurz", "azimut", "natoceni"),
-        *("direccion", "rumbo", "orientacion", "acimut"),
-        *("cap", "orientation", "azimuth"),
-    ),
-}
-"""Headers of other programs and in the languages of the pages, without accents, besides those of columns."""
-
-FIELDS = ColumnFields(
-    PHOTO_FIELDS.units,
-    {name: (*names, *_WORDS.get(name, ())) for name, names in PHOTO_FIELDS.names.items()},
-    PHOTO_FIELDS.needed,
-    PHOTO_FIELDS.example,
-)
-"""Columns of these tables."""
-
-_CODE_PAGES = ("cp1252", "cp1250")
-"""Of Windows in Western and in Central Europe."""
 
 _UNKNOWN = ("", "-")
 _LONGEST_ANGLE = 60
@@ -104,6 +58,11 @@ _IN_BRACKETS = (
     (re.compile(r"[\[(]\s*(grad|stupne|grados|degres|degrees?|dd)\s*[\])]"), "[deg]"),
     (re.compile(r"[\[(]\s*(wgs[\s_-]*84|epsg:4326|n|e|no?rd|ost|sud|est)\s*[\])]"), ""),
 )
+_UNIT_METRES = re.compile(r"[\s_]*[\[(]\s*(m|meters?|metres?)\s*[\])]")
+_ANGLES = {"omega", "phi", "kappa"}
+_LEAST_HEADERS = 2
+"""Cells by which a line is a header."""
+
 _LARGEST_GROUND_POINT = 6
 """Columns before the name of a line of ODM's `gcp_list.txt` end with it: x y z, pixel x y, photo."""
 
@@ -142,24 +101,19 @@ def read_table(data: bytes, columns: str | None, *, where: str, formats: str) ->
     plane, lines = _preamble(lines) if lines else (None, lines)
     if not lines:
         raise TableError("the table has no rows", where=where, hint=f"use {formats}")
-    if plane is not None and _ODM.fullmatch(numbered[0][1].strip()):
-        return list(_in_plane(_odm_rows(lines), plane))
+    is_odm = _ODM.fullmatch(numbered[0][1].strip()) and _header_words(lines[0][1]) < _LEAST_HEADERS
+    if plane is not None and is_odm:
+        return list(from_plane(_odm_rows(lines), plane))
     delimiter = separator[1] if separator else delimiter_of(lines[0][1]) or ";"
     rows = list(_rows(lines, columns, delimiter=delimiter, in_plane=plane is not None))
-    return rows if plane is None else list(_in_plane(rows, plane))
+    return rows if plane is None else list(from_plane(rows, plane))
 
 
 def _utf8(data: bytes) -> bytes:
-    """Return a table as UTF-8; spreadsheets write UTF-16 or a code page, detected by the header."""
-    try:
-        if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-            return data.decode("utf-16").encode()
-        data.decode()
-    except UnicodeDecodeError:
-        texts = [data.decode(page, "replace") for page in _CODE_PAGES]
-        known = [max(map(_header_words, text.splitlines()[:3]), default=0) for text in texts]
-        return texts[known.index(max(known))].encode()
-    return data
+    """Return a table in UTF-16, as spreadsheets write, as UTF-8; others unchanged."""
+    if not data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return data
+    return data.decode("utf-16", "replace").encode()
 
 
 def _preamble(lines: Lines) -> tuple[str | None, Lines]:
@@ -172,7 +126,7 @@ def _preamble(lines: Lines) -> tuple[str | None, Lines]:
         stated = _STATED.fullmatch(line.strip())
         if stated is not None:
             plane = _plane(stated[1].strip(), place)
-        elif not line.lstrip().startswith("#") or _header_words(line) >= 2:
+        elif not line.lstrip().startswith("#") or _header_words(line) >= _LEAST_HEADERS:
             return plane, lines[number:]
     return plane, ()
 
@@ -186,8 +140,7 @@ def _header_words(line: str) -> int:
     """Count the cells of a line that are known headers."""
     delimiter = delimiter_of(line.lstrip("# ")) or ";"
     cells = [cell for cell in split_row(line, delimiter) if cell]
-    plain = [re.sub(r"[\s.\-]+", "_", _plain(cell).lstrip("#% ").strip()) for cell in cells]
-    return sum(cell in FIELDS.by_name for cell in plain)
+    return sum(read_header(_plain(cell), fields=PHOTO_FIELDS).field is not None for cell in cells)
 
 
 def _plane(text: str, where: str) -> str:
@@ -213,7 +166,7 @@ def _rows(lines: Lines, columns: str | None, *, delimiter: str, in_plane: bool) 
 
 def _columns(header: Sequence[str], columns: str | None, *, where: str, in_plane: bool) -> Columns:
     if columns:
-        return parse_columns(columns, header, fields=FIELDS)
+        return parse_columns(columns, header, fields=PHOTO_FIELDS)
     plain = [_plain(cell) for cell in header]
     if _is_of_ground_points(plain):
         raise TableError(
@@ -221,23 +174,38 @@ def _columns(header: Sequence[str], columns: str | None, *, where: str, in_plane
             where=where,
             hint="give them as control points of the satellite image",
         )
+    if in_plane:
+        plain = [_UNIT_METRES.sub("", cell) for cell in plain]
+    else:
+        _check_pixels(plain, where=where)
     try:
-        found = guess_columns(plain, fields=FIELDS)
+        return guess_columns(plain, fields=PHOTO_FIELDS)
     except TrackError as error:
         is_photo = PurePosixPath(header[0].strip()).suffix.lower() in PHOTO_SUFFIXES if header else False
         hint = "the first line is a photo, not a header: assign columns by number: name=1, lat=2, lon=3"
         raise TableError(error.message, where=where, hint=hint if is_photo else error.hint) from error
-    if (
-        "lat" not in found
-        and not in_plane
-        and any(map(_METRES.search, (plain[found[side].index] for side in "xy")))
-    ):
+
+
+def _check_pixels(header: Sequence[str], *, where: str) -> None:
+    """Refuse x and y that are no pixels. Raises TableError."""
+    read = [read_header(cell, fields=PHOTO_FIELDS) for cell in header]
+    sides = [cell for cell, one in zip(header, read, strict=True) if one.field in ("x", "y")]
+    if any(one.field == "lat" or one.unit == "px" for one in read) or not sides:
+        return
+    if any(map(_METRES.search, sides)):
         raise TableError(
             "the positions are in metres, and the table states no coordinate system",
             where=where,
             hint="export them in degrees (WGS 84), or begin with a line such as EPSG:32633",
         )
-    return found
+    others = {read_header(cell).field for cell in header} & {"z", "height"}
+    if others or _ANGLES & {cell.strip() for cell in header}:
+        raise TableError(
+            "x and y with heights or angles are no pixels, and the table states no coordinate system",
+            where=where,
+            hint="begin with a line such as EPSG:32633, or if they are degrees name the columns: "
+            "name=..., lon=x, lat=y",
+        )
 
 
 def _is_of_ground_points(header: Sequence[str]) -> bool:
@@ -333,7 +301,7 @@ def _odm_rows(lines: Lines) -> Iterator[ListedPosition]:
             yield entry
 
 
-def _in_plane(
+def from_plane(
     entries: Iterator[ListedPosition] | Sequence[ListedPosition], plane: str
 ) -> Iterator[ListedPosition]:
     """Convert positions from east and north in a coordinate system."""

@@ -17,11 +17,12 @@ from webapp.core.columns import PHOTO_FIELDS
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import MapJsonError, TableError
 from webapp.files.decode import PHOTO_SUFFIXES
+from webapp.files.exchange.geojson import EXPORT_WGS84, NO_PLANE, is_beyond_degrees, stated_plane
 from webapp.files.exchange.gpx import GpxWaypoint, read_gpx
 from webapp.files.exchange.xml import child_text, local_name, number, walk
 from webapp.files.json_fields import JsonField, parse_json
 from webapp.files.maps.cfg import read_cfg
-from webapp.files.maps.position_tables import ListedPosition, checked_heading, latlon, read_table
+from webapp.files.maps.position_tables import ListedPosition, checked_heading, from_plane, latlon, read_table
 from webapp.files.text_file import read_bytes
 
 FORMATS = "a .cfg, a table of file names and positions, GeoJSON, KML, or GPX with waypoints"
@@ -96,7 +97,7 @@ def read_positions(path: Path, *, columns: str | None = None) -> Positions:
     data = read_bytes(path, error=TableError)
     match data.lstrip(b"\xef\xbb\xbf \t\r\n")[:1]:
         case b"{":
-            entries = list(_geojson(data, where=str(path)))
+            entries = _geojson(data, where=str(path))
         case b"<":
             entries = list(_xml(data, where=str(path)))
         case _:
@@ -125,20 +126,21 @@ def _positions(entries: Sequence[ListedPosition], repeated: tuple[str, ...] = ()
     return Positions(by_name, headings_deg=headings, repeated=repeated)
 
 
-def _geojson(data: bytes, *, where: str) -> Iterator[ListedPosition]:
+def _geojson(data: bytes, *, where: str) -> list[ListedPosition]:
     """Read the points of a GeoJSON; other features are skipped."""
     try:
         top = parse_json(data, where=where, most_values=_MOST_VALUES)
         listed = top.value.get("features") if isinstance(top.value, dict) else None
-        for item in JsonField(listed, "$.features", where).items():
-            entry = _feature(item)
-            if entry is not None:
-                yield entry
+        plane = stated_plane(top.value, error=TableError)
+        features = JsonField(listed, "$.features", where).items()
+        found = [_feature(item, in_plane=plane is not None) for item in features]
     except MapJsonError as error:
         raise TableError(error.message, where=error.where, hint=error.hint) from error
+    entries = [entry for entry in found if entry is not None]
+    return entries if plane is None else list(from_plane(entries, plane))
 
 
-def _feature(item: JsonField) -> ListedPosition | None:
+def _feature(item: JsonField, *, in_plane: bool) -> ListedPosition | None:
     feature = item.value if isinstance(item.value, dict) else {}
     geometry, properties = feature.get("geometry"), feature.get("properties")
     facts = (
@@ -154,7 +156,10 @@ def _feature(item: JsonField) -> ListedPosition | None:
     lon, lat = (cell.number("a number of degrees", valid=lambda value: True) for cell in cells[:2])
     turned = next((facts[key] for key in _headings() if isinstance(facts.get(key), int | float)), None)
     heading = None if turned is None else checked_heading(float(turned), here)
-    return ListedPosition(name.strip().replace("\\", "/"), latlon(lat, lon, where=here), heading, here)
+    if not in_plane and is_beyond_degrees(lon, lat):
+        raise TableError(NO_PLANE.format(f"{lon:.10g}, {lat:.10g}"), where=here, hint=EXPORT_WGS84)
+    position = MapPixel(lon, lat) if in_plane else latlon(lat, lon, where=here)
+    return ListedPosition(name.strip().replace("\\", "/"), position, heading, here)
 
 
 def _headings() -> Iterator[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 from webapp.errors import StorageError
@@ -42,27 +41,10 @@ def check_marker(inner: Path, settings: Settings) -> bool:
     return address is not None
 
 
-def is_kept_in_objects(path: Path) -> bool:
-    """Return whether a path is in a library with a storage; elsewhere, no objects are named or swept."""
-    return _inner(path) is not None
-
-
-def settings_at(path: Path, settings: Settings) -> Settings:
-    """Return the settings for a map, whose storage is that of its library, or none.
-
-    Raises:
-        StorageError: The library has a storage other than the settings'.
-    """
-    inner = _inner(path)
-    if inner is None:
-        return settings if settings.storage is None else replace(settings, storage=None)
-    check_marker(inner, settings)
-    return settings
-
-
-def _inner(path: Path) -> Path | None:
+def library_with_objects(path: Path) -> Path | None:
+    """Return the folder `.library` of the library with a storage that a path is in; None elsewhere."""
     for folder in path.absolute().parents:
         if (folder / _INNER / MARKER).is_file():
             return folder / _INNER
     resolved = path.resolve()
-    return None if resolved == path.absolute() else _inner(resolved)
+    return None if resolved == path.absolute() else library_with_objects(resolved)

@@ -29,10 +29,14 @@ _CUT_AT = 40
 """Characters from which on a name in Google's export may have been cut off; the limit is 46."""
 
 _NUMBER = re.compile(r"(.*?)(\(\d{1,5}\))?")
-_EDITED = re.compile(
-    r"-(edited|bearbeitet|modifié|modifie|editado|editada|upraveno|upravené|modificato|bewerkt)$"
-)
+_EDITS = (
+    "edited", "effects", "smile", "mix", "bearbeitet", "modifié", "modifie", "editado", "editada",
+    "ha editado", "upraveno", "upravené", "modificato", "bewerkt", "edytowane", "editat",
+)  # fmt: skip
 """What Google adds to the names of edited photos, which have no JSON of their own."""
+
+_LEAST_OF_EDIT = 2
+"""Letters that are left of it in a long name that was cut off."""
 
 _MOST_VALUES = 5000
 
@@ -99,31 +103,42 @@ class _Folder:
         stem, _, suffix = last.rpartition(".")
         found = [self._names[name] for name in (f"{last}.xmp", f"{stem}.xmp") if name in self._names][:1]
         google = self._google(last)
-        if google is None and _EDITED.search(stem):
-            google = self._google(f"{_EDITED.sub('', stem)}.{suffix}")
+        original = _original(stem)
+        if google is None and original is not None:
+            google = self._google(f"{original}.{suffix}")
         return [*found, *([google] if google else [])]
 
     def _google(self, photo: str) -> str | None:
         """Return the first JSON that is that of a photo in an export of Google Photos.
 
-        For `a.jpg` it is `a.jpg`, `a.jpg.supplemental-metadata`, cut off anywhere, or `a`; the number of
-        `a(1).jpg` is at its end: `a.jpg(1)`, `a.jpg.supplemental-metadata(1)`. Long names are cut off.
+        For `a.jpg` it is `a.jpg`, `a.jpg.supplemental-metadata`, cut off anywhere, or `a`. The number of
+        `a(1).jpg` stays, or is at the end: `a.jpg(1)`, `a.jpg.supplemental-metadata(1)`. Long names are
+        cut off.
         """
         stem, _, suffix = photo.rpartition(".")
-        plain_stem, count = _numbered(stem)
-        whole = f"{plain_stem}.{suffix}"
-        longest, least = f"{whole}{_METADATA}", min(len(whole), _CUT_AT)
+        plain_stem, number = _numbered(stem)
         bases = {photo, stem}
-        for length in self._lengths:
-            written = longest[: max(length - len(count), 0)]
-            if len(written) >= least and _numbered(f"{written}{count}") == (written, count):
-                bases.add(f"{written}{count}")
+        for whole, count in {(f"{plain_stem}.{suffix}", number), (photo, "")}:
+            longest, least = f"{whole}{_METADATA}", min(len(whole), _CUT_AT)
+            for length in self._lengths:
+                written = longest[: max(length - len(count), 0)]
+                if len(written) >= least and _numbered(f"{written}{count}") == (written, count):
+                    bases.add(f"{written}{count}")
         found = bases & self._jsons.keys()
         return self._names[f"{min(found, key=self._jsons.__getitem__)}.json"] if found else None
 
 
 def _plain(name: str) -> str:
     return unicodedata.normalize("NFC", PurePosixPath(name).name).lower()
+
+
+def _original(stem: str) -> str | None:
+    """Return the name of the photo that an edited one was made of, both without suffix; None for others."""
+    plain, count = _numbered(stem)
+    head, dash, edit = plain.rpartition("-")
+    was_cut = len(stem) >= _CUT_AT and len(edit) >= _LEAST_OF_EDIT
+    known = edit in _EDITS or (was_cut and any(one.startswith(edit) for one in _EDITS))
+    return f"{head}{count}" if dash and known else None
 
 
 def _numbered(name: str) -> tuple[str, str]:

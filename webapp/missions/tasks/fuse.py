@@ -12,6 +12,7 @@ from typing import Any, cast
 import numpy as np
 from filelock import FileLock, Timeout
 from numpy.typing import NDArray
+from sqlalchemy import or_, select
 from sqlalchemy.orm import Session
 
 from webapp.core.geometry.robust import GATE_2D
@@ -66,6 +67,13 @@ def queue(session: Session, mission: Mission, *, account_id: int, odometry: int 
         arguments={"mission": mission.id, "odometry": odometry},
         key=str(mission.id) if odometry is None else f"{mission.id}/{odometry}",
     )
+
+
+def last_job(session: Session, mission: Mission, *, account_id: int) -> Job | None:
+    """Find the last fusion that an account has queued."""
+    mine = select(Job).where(Job.kind == JOB, Job.map_id == mission.map_id, Job.account_id == account_id)
+    of_mission = or_(Job.key == str(mission.id), Job.key.startswith(f"{mission.id}/"))
+    return session.scalar(mine.where(of_mission).order_by(Job.id.desc()).limit(1))
 
 
 @dataclass(frozen=True, slots=True)

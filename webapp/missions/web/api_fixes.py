@@ -12,7 +12,7 @@ from flask import Response, send_file
 from werkzeug.datastructures import FileStorage
 
 from webapp.core.geo.types import LatLon
-from webapp.core.hypotheses.circle_prior import CirclePrior
+from webapp.core.hypotheses.priors import CirclePrior
 from webapp.errors import UsageError
 from webapp.missions.render import track_picture
 from webapp.missions.store import missions

@@ -13,6 +13,7 @@ from webapp.missions.core.trajectory.symbols import SYMBOLS, svg_path
 from webapp.missions.files.track_reader import FORMATS, accepted, called
 from webapp.missions.store import missions, shares
 from webapp.missions.store.shares import OpenedMission
+from webapp.missions.tasks import fuse
 from webapp.missions.tasks.covering_maps import covering_maps
 from webapp.missions.web import api_exports
 from webapp.missions.web import state as mission_state
@@ -68,8 +69,10 @@ def show(mission_id: int) -> str:
     with library().database.read() as session:
         role = missions.role_of(session, mission, account=who)
         below = [{"slug": one.slug, "name": one.name} for one in covering_maps(session, mission, account=who)]
+        fusion = fuse.last_job(session, mission, account_id=who.id)
     services = [*map(service_json, configured_layers())]
     page = {"id": mission.id, "services": services, "maps": below, "formats": _formats(), **_SIGNS}
+    page["fusion"] = None if fusion is None or fusion.state in ("done", "cancelled") else fusion.id
     return render_template("missions/show.html", mission=mission, role=role, page=page)
 
 

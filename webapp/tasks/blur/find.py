@@ -1,17 +1,27 @@
-"""Detects faces and number plates that are not blurred yet; changes nothing."""
+"""Detects faces and number plates that are not blurred yet, and keeps what was found.
+
+Detections are stored in the map's folder, one line per searched photo, identified by its SHA-256, so that no
+photo is searched twice. Lines are only appended, so that a killed process loses one photo at most.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import json
+import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from filelock import FileLock, Timeout
+
 from webapp.core.boxes import MOST_BOXES, BlurBox
 from webapp.core.detections import Detection, boxes_to_blur, merge_duplicates, never
 from webapp.core.mapmodel.model import Experience, UnplacedPhoto
-from webapp.errors import MapError, MissingPart, PhotoError
+from webapp.errors import MapError, MissingPart, PhotoError, StorageError
+from webapp.files.atomic import make_folder, storage_error
+from webapp.files.listing import DERIVED
 from webapp.files.localize.blur_networks import BlurNetworks
 from webapp.files.maps.folder import photo_path, read_map
 from webapp.files.part_file import show_file_as
@@ -19,7 +29,57 @@ from webapp.files.photos.photo import read_in_turn
 from webapp.files.photos.preview import SIDES
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
-from webapp.tasks.blur.kept import DetectionCache
+
+_WAIT_S = 20.0
+
+
+class DetectionCache:
+    """Stored detections of a map's photos.
+
+    Args:
+        key: Identifies the networks.
+    """
+
+    def __init__(self, map_folder: Path, key: str) -> None:
+        self._path = map_folder / DERIVED / "blur" / f"{key}.jsonl"
+
+    def read(self) -> dict[str, list[Detection]]:
+        """Read the detections by the SHA-256 of the photo; the list is empty where nothing was found.
+
+        Raises StorageError.
+        """
+        try:
+            lines = self._path.read_bytes().split(b"\n")
+        except FileNotFoundError:
+            return {}
+        except OSError as error:
+            raise StorageError(f"cannot be read: {error.strerror}", where=self._path.name) from error
+        found: dict[str, list[Detection]] = {}
+        for line in lines:
+            try:
+                one = json.loads(line)
+                found[one["photo"]] = [Detection(k, BlurBox(*box), score) for k, box, score in one["found"]]
+            except (ValueError, KeyError, TypeError):
+                continue  # cut off when a process was killed; the photo is searched again
+        return found
+
+    def add(self, sha256: str, found: Sequence[Detection]) -> None:
+        """Append the detections of a photo; they are on the disk on return. Raises StorageError."""
+        line = json.dumps({"photo": sha256, "found": [[d.kind, list(d.box), d.score] for d in found]})
+        make_folder(self._path.parent)
+        try:
+            lock = FileLock(self._path.with_suffix(".lock"), timeout=_WAIT_S)
+            with lock, self._path.open("ab") as file:
+                file.write(b"\n" + line.encode())  # the newline ends a line that was cut off
+                file.flush()
+                os.fsync(file.fileno())
+        except Timeout as error:
+            raise StorageError(
+                "another process is storing detections", where=self._path.name, hint="try again in a moment"
+            ) from error
+        except OSError as error:
+            raise storage_error(error, where=self._path.name) from error
+
 
 _SIDE = 4 * max(SIDES.values())
 """Longer side in pixels at which photos are searched: a face that is too small to be detected then has less

@@ -143,7 +143,7 @@ def _prepare(terms: WorkerRequirements, *, native_threads: int) -> None:
     """Set the number of native threads of this thread, and open the object storage that the work needs."""
     import faiss
 
-    from webapp.files.object_storage.connect import connect
+    from webapp.files.contents import connect
 
     with _LOCK:
         _once(terms.log.form, terms.settings.traces)

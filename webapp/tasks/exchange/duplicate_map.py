@@ -12,9 +12,9 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound, StorageError
+from webapp.files.contents import with_pointer
 from webapp.files.listing import DERIVED
 from webapp.files.maps.lists import LISTS
-from webapp.files.object_storage.pointer import pointer_path
 from webapp.files.photos.preview import SIDES, preview_path
 from webapp.progress import Progress
 from webapp.store.library import Library
@@ -142,10 +142,10 @@ def _copy_files(source: Path, target: Path, *, wanted: Iterable[Path], progress:
 def _files(folder: Path, record: MapRecord, photos: Sequence[Photo]) -> Iterator[Path]:
     """Yield the files of a map, except its text files, which are generated anew."""
     for photo in photos:
-        yield from (folder / photo.path, pointer_path(folder / photo.path))
+        yield from with_pointer(folder / photo.path)
     for image in (record.satellite_path, *(floor.image.path for floor in floors(record) if floor.image)):
         if image is not None:
-            yield from (folder / image, pointer_path(folder / image), (folder / image).with_suffix(".json"))
+            yield from (*with_pointer(folder / image), (folder / image).with_suffix(".json"))
     previews = {
         preview_path(folder, photo.id, kind=kind, blurred=boxes_of(photo))
         for photo in photos

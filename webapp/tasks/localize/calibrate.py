@@ -23,13 +23,13 @@ from webapp.core.localize.places import LocatedPlace, PlaceCandidate, locate
 from webapp.core.localize.verified import find_places
 from webapp.core.retrieval.indexed import IndexedMap
 from webapp.errors import PhotoError, TableError, UsageError
+from webapp.files.contents import local
 from webapp.files.localize import adopted, queries_csv
 from webapp.files.localize import calibration as calibrationfile
 from webapp.files.localize.adopted import AdoptedPhoto
 from webapp.files.localize.calibration import StoredCalibration, TrialRecord, recorded_trials
 from webapp.files.localize.queries_csv import Query
 from webapp.files.maps.folder import read_map
-from webapp.files.object_storage.storage import local
 from webapp.files.photos.photo import read_facts
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, RetrievalSettings

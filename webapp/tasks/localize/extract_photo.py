@@ -20,12 +20,11 @@ from webapp.core.mapmodel.panorama import LevelView
 from webapp.core.mapmodel.views import content_of_part
 from webapp.core.retrieval.engines.segment import PhotoEntry
 from webapp.errors import IndexDamaged, MapError, PhotoError
+from webapp.files.contents import connect, pointer_of
 from webapp.files.localize.features import read_segment, write_segment
 from webapp.files.localize.index_store import IndexFolder
 from webapp.files.localize.models import network
 from webapp.files.maps.folder import photo_path
-from webapp.files.object_storage.connect import connect
-from webapp.files.object_storage.storage import pointer_of
 from webapp.files.photos.panorama import read_level_view
 from webapp.files.photos.photo import read_facts, read_file, read_gray
 from webapp.settings import Settings

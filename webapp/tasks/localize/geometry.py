@@ -9,9 +9,9 @@ import numpy as np
 
 from webapp.core.landmarks.cloud import AlignedCloud
 from webapp.errors import UsageError
+from webapp.files import contents
 from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
 from webapp.files.landmarks.colmap import SUBMODELS_FILE, read_submodels
-from webapp.files.object_storage import storage
 from webapp.progress import Progress
 from webapp.tasks.landmarks.control_points import PhotoLenses, georegister_all
 from webapp.tasks.localize import orient_map
@@ -56,7 +56,7 @@ def with_landmarks(opened: OpenMap, *, progress: Progress) -> OpenMap:
     folder = landmarks_folder(opened.cfg)
     aligned = align_landmarks(opened, folder)
     if aligned is None:
-        is_there = storage.is_there(folder / CLOUD_FILE)
+        is_there = contents.is_there(folder / CLOUD_FILE)
         raise UsageError(
             "the landmarks of the map are of another version" if is_there else "the map has no landmarks",
             where=str(opened.cfg),

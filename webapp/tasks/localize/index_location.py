@@ -11,11 +11,11 @@ from platformdirs import user_cache_path
 
 from webapp.core.features.table import FeatureChoice, Method, choose
 from webapp.errors import IndexDamaged, UsageError
+from webapp.files import contents
 from webapp.files.landmarks.cloud import CLOUD_FILE
 from webapp.files.listing import DERIVED
 from webapp.files.localize.index_store import IndexFolder, index_key
 from webapp.files.localize.models import is_usable, second_look_features
-from webapp.files.object_storage import storage
 from webapp.settings import ExtractSettings
 
 
@@ -46,7 +46,7 @@ def landmarks_folder(cfg: Path) -> Path:
 
 def has_landmarks(cfg: Path) -> bool:
     """Return whether a map has a stored cloud of landmarks."""
-    return storage.is_there(landmarks_folder(cfg) / CLOUD_FILE)
+    return contents.is_there(landmarks_folder(cfg) / CLOUD_FILE)
 
 
 def newest_choice(

@@ -35,11 +35,10 @@ from webapp.core.geometry.estimate import NoPose
 from webapp.core.hypotheses import focal_lengths, joint, looks
 from webapp.core.hypotheses.bayes import truncate
 from webapp.core.hypotheses.calibration import DEFAULT, Calibration
-from webapp.core.hypotheses.heading_prior import relative_to_north
 from webapp.core.hypotheses.map_accuracy import limit_accuracy
 from webapp.core.hypotheses.model import Answer, AnswerSource, FieldOfView
-from webapp.core.hypotheses.path_prior import apply_path_prior_to_answer
 from webapp.core.hypotheses.places import MapKind
+from webapp.core.hypotheses.priors import apply_path_prior_to_answer, relative_to_north
 from webapp.core.localize import vote
 from webapp.core.localize.landmarks import find_by_landmarks
 from webapp.core.localize.verified import (
@@ -52,9 +51,9 @@ from webapp.core.localize.vote import match_statistics
 from webapp.core.mapmodel.model import Map
 from webapp.core.reconstruction.depths import DepthObservations, DepthsExcluding
 from webapp.core.retrieval.indexed import IndexedMap
+from webapp.files.contents import local
 from webapp.files.localize.calibration import StoredCalibration
 from webapp.files.localize.models import network
-from webapp.files.object_storage.storage import local
 from webapp.settings import Settings
 from webapp.tasks.localize.open_map import OpenMap
 from webapp.tasks.localize.query_photo import QueryPhoto, pictures_of, read_query, to_experiences

@@ -16,10 +16,14 @@ from numpy.typing import NDArray
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses import joint
 from webapp.core.hypotheses.bayes import truncate
-from webapp.core.hypotheses.circle_prior import CirclePrior, apply_circle_prior, photo_weights
-from webapp.core.hypotheses.heading_prior import apply_compass
 from webapp.core.hypotheses.model import Answer
-from webapp.core.hypotheses.path_prior import apply_path_prior_to_answer
+from webapp.core.hypotheses.priors import (
+    CirclePrior,
+    apply_circle_prior,
+    apply_compass,
+    apply_path_prior_to_answer,
+    photo_weights,
+)
 from webapp.errors import UsageError
 from webapp.tasks.localize.pipeline import LocalizationPipeline
 

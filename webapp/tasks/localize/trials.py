@@ -17,14 +17,14 @@ from webapp.core.features.types import Features
 from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.calibration import EVIDENCE, Calibration
-from webapp.core.hypotheses.path_prior import PathPrior, apply_path_prior
 from webapp.core.hypotheses.places import spacing_px
+from webapp.core.hypotheses.priors import PathPrior, apply_path_prior
 from webapp.core.localize.places import LocatedPlace, PlaceCandidate, locate
 from webapp.core.localize.verified import PlaceSearch, find_places
 from webapp.core.mapmodel.panorama import experiences_of
 from webapp.core.reconstruction.depths import DepthObservations, DepthsExcluding
 from webapp.core.retrieval.indexed import IndexedMap, candidates
-from webapp.core.retrieval.shortlist import filter_by_rotation, weighted_votes
+from webapp.core.retrieval.retrieve import filter_by_rotation, weighted_votes
 from webapp.files.localize.adopted import AdoptedPhoto
 from webapp.files.localize.calibration import TrialRecord
 from webapp.progress import Progress

@@ -15,11 +15,11 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from threading import BoundedSemaphore
-from typing import Any
+from typing import Any, Literal
 
-from webapp.core.hypotheses.circle_prior import CirclePrior
 from webapp.core.hypotheses.jsonform import answer_to_json
 from webapp.core.hypotheses.model import Answer, Evidence
+from webapp.core.hypotheses.priors import CirclePrior
 from webapp.core.hypotheses.sequence import Belief, belief_from_json, belief_to_json, filter_step
 from webapp.errors import NotFound, UsageError
 from webapp.files.atomic import write_text
@@ -37,6 +37,9 @@ from webapp.tasks.localize.sequence import motion
 from webapp.tasks.localize.spot import Hints
 from webapp.tasks.maps.add_photo import suffix_of, tidy_name
 from webapp.threads import permit
+
+Send = Callable[[Literal["progress", "first"], dict[str, Any]], None]
+"""Sends a kind of event, and its data."""
 
 MAX_PHOTOS = 8
 """Maximum number of photos of one spot in a request."""
@@ -69,9 +72,9 @@ class LocalizeRequest:
     sequence: Path | None = None  # State file of the sequence to which this is the next frame; it is updated
     # Idempotency key of the client: the answer is stored once, however often the request is sent.
     key: str | None = None
-    # Called with the JSON form of the answer so far, before a second look; not in a sequence, whose state
-    # takes only final answers.
-    on_first: Callable[[dict[str, Any]], None] | None = None
+    # Sends `progress` before each photo is compared, and `first`, the JSON form of the answer so far, before
+    # a second look; the latter not in a sequence, whose state takes only final answers.
+    send: Send | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,11 +113,14 @@ def localize_uploads(cache: MapCache, map_id: int, *, request: LocalizeRequest) 
         answers: list[Answer] = []
 
         def report(first: Answer) -> None:
-            if request.on_first is not None and request.sequence is None:
+            if request.send is not None and request.sequence is None:
                 so_far, _ = spot.combine(pipeline, [*answers, first], hints=hints, top=request.top)
-                request.on_first(to_form(so_far))
+                request.send("first", to_form(so_far))
 
         for photo in request.photos:
+            if request.send is not None:
+                compared = {"photos": len(pipeline.map.experiences), "done": len(answers)}
+                request.send("progress", {**compared, "total": len(request.photos)})
             with show_file_as(photo.name, photo.path):
                 answers.append(pipeline.observe(photo.path, top=spot.ALL, include=include, on_first=report))
     if request.sequence is None:

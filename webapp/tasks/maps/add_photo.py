@@ -13,9 +13,9 @@ from webapp.core.geo.types import LatLon
 from webapp.core.mapmodel.model import PhotoSource
 from webapp.core.mapmodel.panorama import Panorama
 from webapp.errors import NotFound
+from webapp.files import contents
 from webapp.files.decode import contrast_note
 from webapp.files.maps.facts import panorama_fields, source_fields
-from webapp.files.object_storage import storage
 from webapp.files.part_file import sha256_of, show_file_as
 from webapp.files.photos import preview
 from webapp.files.photos.exif_gps import ABSENT, Gps
@@ -45,6 +45,7 @@ SUFFIXES: Mapping[str, str] = {
     "GIF": "gif",
 }
 """Suffix of a stored photo by its format."""
+_OF_DRAWINGS = {"PNG", "TIFF", "GIF", "BMP"}
 _MAX_NAME = 300
 _PLAN_NOTE = "it looks like a plan or satellite image: as the map's image, add it on the page Image"
 
@@ -88,6 +89,7 @@ class AddedPhoto:
     gps_problem: str | None  # Why it was not placed by its GPS, for display
     job: int | None  # Id of the job that adds it to the index
     notes: tuple[str, ...] = ()  # Sentences about its file: where its position is from, what was left out
+    is_plan: bool = False  # It looks like a plan or satellite image
 
 
 def add_photo(
@@ -119,16 +121,17 @@ def add_photo(
         facts = _read(photo, name=name, settings=settings)
         around = find_panorama(source, facts, limits=settings.photo)
         previews = preview.make_previews(source, limits=settings.photo)
-        is_plan = _is_of_no_camera(facts) and is_georeferenced_tiff(source, limits=settings.satellite)
+        is_map = _is_of_no_camera(facts) and is_georeferenced_tiff(source, limits=settings.satellite)
     sha256 = sha256_of(source)
-    stored = storage.store(source)  # before the transaction, which blocks other writers
+    stored = contents.store(source)  # before the transaction, which blocks other writers
     with (changing or library.changing)(map_id) as change:
         session, record = change.session, change.record
         if record.binned_at is not None:
             raise NotFound("the map was deleted, or is in the bin")
         folder = library.map_folder(record.slug)
         row = _row(facts, name=name, sha256=sha256, size_bytes=source.stat().st_size)
-        if photo.known is None and (is_plan or _has_size_of_image(facts, record)):
+        is_plan = photo.known is None and (is_map or _may_be_image(facts, record))
+        if is_plan:
             row.file_notes = [*(row.file_notes or ()), _PLAN_NOTE]
         if around is not None:
             mark_panorama(row, around)
@@ -154,6 +157,7 @@ def add_photo(
         problem or kept.gps_problem,
         change.job,
         tuple(kept.file_notes or ()),
+        is_plan,
     )
 
 
@@ -169,8 +173,13 @@ def _is_of_no_camera(facts: PhotoFacts) -> bool:
     return facts.camera is None and facts.taken_at is None and facts.fov is None and not facts.gps
 
 
-def _has_size_of_image(facts: PhotoFacts, record: MapRecord) -> bool:
-    """Return whether a picture that no camera took has the size of the map's image."""
+def _may_be_image(facts: PhotoFacts, record: MapRecord) -> bool:
+    """Return whether a picture that no camera took may be the map's image.
+
+    It has the size of the present one, or there is none yet and its format is one of drawings.
+    """
+    if record.satellite_path is None:
+        return _is_of_no_camera(facts) and facts.format in _OF_DRAWINGS
     size = record.satellite_width, record.satellite_height
     return _is_of_no_camera(facts) and size == (facts.width, facts.height)
 

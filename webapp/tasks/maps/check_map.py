@@ -16,13 +16,13 @@ from webapp.core.hypotheses.places import MapPlaces, describe_places
 from webapp.core.mapmodel.checks import FileFacts, FolderFacts, PhotoLine, check_folder, check_lines, free_id
 from webapp.core.mapmodel.findings import Code, Finding, quoted
 from webapp.errors import MapError, PhotoError
+from webapp.files.contents import is_there
 from webapp.files.decode import check_decodes, image_size
 from webapp.files.listing import Spelling, list_photos, normal_name
 from webapp.files.maps.cfg import read_bytes
 from webapp.files.maps.cfg_scan import Scan, scan
 from webapp.files.maps.folder import MapFolder, json_path, photo_path, placement_path, read_map_json
 from webapp.files.maps.map_json import MapJson
-from webapp.files.object_storage.storage import is_there
 from webapp.files.photos.exif_gps import Gps
 from webapp.files.photos.photo import read_facts
 from webapp.progress import Progress

@@ -15,11 +15,11 @@ from webapp.core.mapmodel.findings import Code, Finding
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.paths import name_problem
 from webapp.errors import Conflict, UsageError
+from webapp.files.contents import hash_of
 from webapp.files.decode import image_size
 from webapp.files.listing import list_photos, normal_name
 from webapp.files.maps.cfg_scan import scan
 from webapp.files.maps.folder import photo_path
-from webapp.files.object_storage.storage import hash_of
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.library import Library

@@ -12,8 +12,7 @@ from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.match import ClockOffset, Match, NoMatch, estimate_offset, match
-from webapp.core.trajectory.track import FixTrack
+from webapp.core.trajectory import ClockOffset, FixTrack, Match, NoMatch, estimate_offset, match
 from webapp.errors import UsageError
 from webapp.store.library import Library
 from webapp.store.maps import maps

@@ -22,9 +22,9 @@ from sqlalchemy import text
 
 from webapp.errors import ExpMapError, StorageError
 from webapp.extras import EXTRAS, install_line, is_installed
+from webapp.files.contents import cache_folder
 from webapp.files.localize.models import models_folder
 from webapp.files.lock import any_alive
-from webapp.files.object_storage.connect import cache_folder
 from webapp.net.bounded import answering, bounded_session
 from webapp.settings import Settings
 from webapp.store.clock import now
@@ -321,7 +321,7 @@ def _kind_of_disk(folder: Path, mounts: Path = Path("/proc/mounts")) -> str | No
 def _storage(settings: Settings) -> Found:
     if settings.storage is None:
         return
-    from webapp.files.object_storage.connect import connect
+    from webapp.files.contents import connect
 
     storage = connect(settings)
     if storage is not None and storage.reachable():

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from webapp.core.geo.floors import Floor
 from webapp.errors import NotFound
 from webapp.files.atomic import storage_error, write_bytes
+from webapp.files.contents import facts_of, remove
 from webapp.files.decode import decode, open_image
 from webapp.files.maps.folder import photo_path
-from webapp.files.object_storage.storage import facts_of, remove
 from webapp.files.satellite.pyramid import write_pyramid
 from webapp.files.satellite.raster import opened_raster, reduced
 from webapp.files.satellite.warp import warp_to_map

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,7 @@ from webapp.core.geo.tilegrid import TILE_PX, GeoBox, Tile, TileCut, cut_of
 from webapp.errors import InputError, PhotoError, UsageError
 from webapp.files.decode import open_image
 from webapp.files.satellite.keep import keep_pixels
+from webapp.files.satellite.tile_archive import opened_tiles
 from webapp.net.services import TileService, named, tile_services
 from webapp.net.tiles import TileFetcher
 from webapp.progress import Progress
@@ -108,8 +111,8 @@ def fetch_tiles(
         folder = library.map_folder(session.get_one(MapRecord, map_id).slug)
     progress.size(cut.tile_count)
     progress.note(service.name)
-    fetcher = TileFetcher(service, cache=library.inner / "tiles", settings=settings.tiles)
-    canvas, missing, lossless = _stitch(cut, fetcher, progress=progress)
+    with _tiles(service, cut.zoom, cache=library.inner / "tiles", settings=settings) as fetch:
+        canvas, missing, lossless = _stitch(cut, fetch, progress=progress)
     if missing == cut.tile_count:
         raise InputError(
             f"{service.name} has no image of this area at zoom {request.zoom}",
@@ -124,7 +127,28 @@ def fetch_tiles(
     return TileDownload(new, cut.metres_per_pixel, cut.tile_count, missing, service.attribution)
 
 
-def _stitch(cut: TileCut, fetcher: TileFetcher, *, progress: Progress) -> tuple[NDArray[np.uint8], int, bool]:
+_Fetch = Callable[[Iterable[Tile], Progress], Iterator[tuple[Tile, bytes | None]]]
+"""Yields tiles as they come; None where there is none."""
+
+
+@contextmanager
+def _tiles(service: TileService, zoom: int, *, cache: Path, settings: Settings) -> Iterator[_Fetch]:
+    """Open the tiles of a service or of its file."""
+    if service.file is None:
+        fetcher = TileFetcher(service, cache=cache, settings=settings.tiles)
+        yield lambda tiles, progress: fetcher.fetch(tiles, zoom=zoom, progress=progress)
+        return
+    with opened_tiles(service.file) as archive:
+
+        def read(tiles: Iterable[Tile], progress: Progress) -> Iterator[tuple[Tile, bytes | None]]:
+            for tile in tiles:
+                progress.check()
+                yield tile, archive.tile(zoom, tile.x, tile.y)
+
+        yield read
+
+
+def _stitch(cut: TileCut, fetch: _Fetch, *, progress: Progress) -> tuple[NDArray[np.uint8], int, bool]:
     """Stitch the tiles.
 
     Returns:
@@ -137,7 +161,7 @@ def _stitch(cut: TileCut, fetcher: TileFetcher, *, progress: Progress) -> tuple[
     for tile, left, top in cut.tiles():
         where.setdefault(tile, []).append((left, top))
     missing, lossless = 0, True
-    for tile, data in fetcher.fetch(where, zoom=cut.zoom, progress=progress):
+    for tile, data in fetch(where, progress):
         if data is None:
             missing += len(where[tile])
         else:

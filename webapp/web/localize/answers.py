@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
+from contextlib import ExitStack
 from itertools import chain
 from queue import SimpleQueue
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 from apiflask import Schema
 from apiflask.fields import Boolean, Float, Function, Integer, List, Nested, String
@@ -19,6 +20,7 @@ from webapp.core.hypotheses.places import MAP_KINDS
 from webapp.core.hypotheses.verdict import Verdict, sentence_parts, verdict_of
 from webapp.errors import ExpMapError
 from webapp.render.colours import INK, INLIER, OUTLIER, RGB, TRUTH, probability_colour, text_on
+from webapp.tasks.localize.upload import Send
 from webapp.threads import ContextThreads
 from webapp.web.errors import as_json, status_of
 from webapp.web.sending import PiecesWhileAllowed
@@ -150,50 +152,63 @@ class AnswerOut(Located):
     not_indexed = Integer(metadata={"description": "Photos of the map that cannot be found yet."})
 
 
-def wants_events() -> bool:
-    """Return whether the client accepts an event stream, and prefers it to JSON."""
-    return request.accept_mimetypes.best_match(["application/json", EVENT_STREAM]) == EVENT_STREAM
-
-
-def stream_answer(localize: Callable[[Callable[[dict[str, Any]], None]], dict[str, Any]]) -> Response:
-    """Answer with server-sent events: `first` for the answer so far, then `answer` or `error`.
-
-    An error before the first event is raised, so that the response has its status.
+def answer_or_events(
+    held: ExitStack, find: Callable[[Send | None], dict[str, Any]], *, form: Schema
+) -> dict[str, Any] | Response:
+    """Answer with JSON; with server-sent events, if the client accepts them and prefers them to JSON.
 
     Args:
-        localize: Runs in a thread, also after the client has gone; gets a function to call with the JSON form
-            of the answer so far, and returns the final form.
+        held: What `find` needs, such as the photos; with events it is held until the last one.
+        find: Returns the answer; with events it runs in a thread, also after the client has gone, and gets a
+            function that sends `progress`, or `first` for the answer so far.
+        form: Schema of the answer.
     """
-    events: SimpleQueue[dict[str, Any] | Future[dict[str, Any]]] = SimpleQueue()
+    if request.accept_mimetypes.best_match(["application/json", EVENT_STREAM]) != EVENT_STREAM:
+        return find(None)
+    kept = held.pop_all()
+
+    def find_in_thread(send: Send) -> dict[str, Any]:
+        with kept:
+            return find(send)
+
+    return _stream(find_in_thread, form)
+
+
+def _stream(find: Callable[[Send], dict[str, Any]], form: Schema) -> Response:
+    """Send the events of `find`, then `answer` or `error`; an error before the first event is raised."""
+    events: SimpleQueue[tuple[str, dict[str, Any]] | Future[dict[str, Any]]] = SimpleQueue()
     threads = ContextThreads(1)
-    final = threads.submit(localize, events.put)
+    final = threads.submit(find, lambda kind, data: events.put((kind, data)))
     final.add_done_callback(events.put)
     threads.shutdown(wait=False)
     begun = events.get()
     if isinstance(begun, Future):
         begun.result()  # raises the error, if it is one
-    pieces = stream_with_context(_events(chain([begun], iter(events.get, None))))
+    pieces = stream_with_context(_events(chain([begun], iter(events.get, None)), form))
     response = Response(PiecesWhileAllowed(pieces), mimetype=EVENT_STREAM)
     response.headers["X-Accel-Buffering"] = "no"  # prevents nginx from buffering events
     response.headers["Cache-Control"] = "no-store"
     return response
 
 
-def _events(of: Iterable[dict[str, Any] | Future[dict[str, Any]]]) -> Iterator[bytes]:
-    """Encode the answers so far as events, up to the final one; an error that is a bug is raised."""
+def _events(
+    of: Iterable[tuple[str, dict[str, Any]] | Future[dict[str, Any]]], form: Schema
+) -> Iterator[bytes]:
+    """Encode the events, up to the answer; an error that is a bug is raised."""
     for one in of:
         if not isinstance(one, Future):
-            yield _event("first", Located().dump(one))
+            kind, data = one
+            yield _event(kind, Located().dump(data) if kind == "first" else data)
             continue
         error = one.exception()
         if isinstance(error, ExpMapError):
             yield _event("error", {"status": status_of(error), "error": as_json(error)})
         else:
-            yield _event("answer", AnswerOut().dump(one.result()))
+            yield _event("answer", form.dump(one.result()))
         return
 
 
-def _event(kind: Literal["first", "answer", "error"], data: Any) -> bytes:
+def _event(kind: str, data: Any) -> bytes:
     return f"event: {kind}\ndata: {json.dumps(data)}\n\n".encode()
 
 

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import secrets
+from contextlib import ExitStack
 from typing import Any, cast
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import File, Float, Integer, List, Nested, String
 from apiflask.validators import Range
-from flask import current_app
+from flask import Response, current_app
 from flask.blueprints import BlueprintSetupState
 
 from webapp.files.part_file import check_space, discard, receive
+from webapp.progress import Progress
 from webapp.store.maps import maps
-from webapp.tasks.find.find_map import BUDGET_S, MOST_MAPS, LibrarySearch, find_map, search_json
-from webapp.tasks.find.rank_maps import MapRanking
-from webapp.tasks.localize.upload import UploadedPhoto
+from webapp.tasks.find.find_map import BUDGET_S, MOST_MAPS, LibrarySearch, MapRanking, find_map, search_json
+from webapp.tasks.localize.upload import Send, UploadedPhoto
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.web.body_limits import limit_photo
-from webapp.web.context import account, library, settings
+from webapp.web.context import account, authorized_by, library, settings
 from webapp.web.language import translate
-from webapp.web.localize.answers import Located
+from webapp.web.localize.answers import Located, answer_or_events
 from webapp.web.localize.api_localize import map_cache
 from webapp.web.state import KEY as STATE
 
@@ -89,21 +90,48 @@ def _make_ranking(state: BlueprintSetupState) -> None:
 
 
 @blueprint.post("/find")
+@authorized_by(account)
 @blueprint.input(FindIn, location="form_and_files", arg_name="given")
 @blueprint.output(SearchOut)
-def find(given: dict[str, Any]) -> dict[str, Any]:
-    """Find out on which of the caller's maps a photo was taken; the photo is not stored."""
+def find(given: dict[str, Any]) -> dict[str, Any] | Response:
+    """Find out on which of the caller's maps a photo was taken; the photo is not stored.
+
+    With `Accept: text/event-stream` the response is server-sent events: `progress` with the map that is being
+    searched, and then `answer`.
+    """
     who, file = account(), given["file"]
     with library().database.read() as session:
         records = maps.list_maps(session, who)
     part, name = library().uploads / f"{secrets.token_hex(16)}.part", tidy_name(file.filename or "")
     check_space(library().uploads, 0, reserve_mb=settings().upload.reserve_mb)
-    try:
+    with ExitStack() as held:
+        held.callback(discard, part)
         receive(part, file.stream, max_bytes=int(settings().photo.max_mb * 1e6))
-        found = find_map(_search(), records, photo=UploadedPhoto(part, name), top=given["top"])
-    finally:
-        discard(part)
-    return search_json(found, query=name, translate=translate)
+        photo, search, top = UploadedPhoto(part, name), _search(), given["top"]
+
+        def answer(send: Send | None) -> dict[str, Any]:
+            found = find_map(search, records, photo=photo, top=top, progress=_SentProgress(send))
+            return search_json(found, query=name, translate=translate)
+
+        return answer_or_events(held, answer, form=SearchOut())
+
+
+class _SentProgress(Progress):
+    """Sends the name of each map when its search begins."""
+
+    def __init__(self, send: Send | None) -> None:
+        self._send = send
+        self._done = self._total = 0
+
+    def size(self, total: int) -> None:
+        self._total = total
+
+    def advance(self, steps: int = 1) -> None:
+        self._done += steps
+
+    def note(self, text: str) -> None:
+        if self._send is not None:
+            self._send("progress", {"map": text, "done": self._done, "total": self._total})
 
 
 def _search() -> LibrarySearch:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
@@ -20,7 +20,7 @@ from werkzeug.datastructures import FileStorage
 from webapp.core.features.table import BUNDLES, METHODS, Method, choose
 from webapp.core.geo.grids import decimal, degrees_minutes_seconds, mgrs, utm
 from webapp.core.geo.types import MapPixel
-from webapp.core.hypotheses.circle_prior import CirclePrior
+from webapp.core.hypotheses.priors import CirclePrior
 from webapp.errors import UsageError
 from webapp.files.localize.models import usable_features, usable_methods
 from webapp.files.part_file import check_space, discard, receive
@@ -38,7 +38,7 @@ from webapp.tasks.maps.pictures import give_original
 from webapp.web.body_limits import limit_photo
 from webapp.web.context import account, library, map_role, open_map, settings
 from webapp.web.fields import Boolean, BoundedList, RecordNumber
-from webapp.web.localize.answers import AnswerOut, stream_answer, wants_events
+from webapp.web.localize.answers import AnswerOut, answer_or_events
 from webapp.web.openapi import file_answer
 from webapp.web.operate import metrics
 from webapp.web.sending import send_picture, send_revalidated
@@ -157,8 +157,9 @@ def example_thumb(slug: str, name: str) -> Response:
 def localize(slug: str, *, given: dict[str, Any], sent: dict[str, str | None]) -> dict[str, Any] | Response:
     """Localize a photo, or several photos taken at one spot.
 
-    With `Accept: text/event-stream` the response is server-sent events: `first` with the answer of the first
-    look, where a second one follows, and then `answer`.
+    With `Accept: text/event-stream` the response is server-sent events: `progress` with the number of photos
+    that it is compared with, `first` with the answer of the first look, where a second one follows, and then
+    `answer`.
     """
     record, key = open_map(slug), sent["key"] if given["keep"] else None
     with library().database.read() as session:
@@ -173,15 +174,9 @@ def localize(slug: str, *, given: dict[str, Any], sent: dict[str, str | None]) -
             _request(photos, options, given), key=key, sequence=_sequence(record, given)
         )
         answer = partial(_answer, record, keep=given["keep"], account_id=account().id)
-        if not wants_events():
-            return answer(localize_request)
-        kept = stack.pop_all()  # the photos are needed until the thread has finished
-
-        def localize_in_thread(on_first: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
-            with kept:
-                return answer(replace(localize_request, on_first=on_first))
-
-        return stream_answer(localize_in_thread)
+        return answer_or_events(
+            stack, lambda send: answer(replace(localize_request, send=send)), form=AnswerOut()
+        )
 
 
 def _answer(record: MapRecord, request: LocalizeRequest, *, keep: bool, account_id: int) -> dict[str, Any]:

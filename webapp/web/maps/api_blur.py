@@ -23,8 +23,7 @@ from webapp.store.maps.blurred import boxes_of
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import ENDED
 from webapp.store.schema import Job, MapRecord
-from webapp.tasks.blur.find import search_photo, suggestions
-from webapp.tasks.blur.kept import DetectionCache
+from webapp.tasks.blur.find import DetectionCache, search_photo, suggestions
 from webapp.tasks.maps import add_photo, show_photo
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, map_role, open_map, settings

@@ -80,6 +80,9 @@ class IntakeOut(Schema):
         String(),
         metadata={"description": "about its file: where its position is from, what was left out"},
     )
+    is_plan = Boolean(
+        metadata={"description": "it looks like a plan or satellite image, which may be the map's image"}
+    )
     belongs_to = String(
         metadata={"description": "of a file beside a photo: the name of the photo that it was read for"}
     )
@@ -109,6 +112,7 @@ def intake_json(intake: AddedPhoto) -> dict[str, Any]:
         "gps_problem": intake.gps_problem,
         "job": intake.job,
         "notes": list(intake.notes),
+        "is_plan": intake.is_plan,
     }
 
 

@@ -11,7 +11,7 @@ from apiflask.validators import Length
 from flask import request
 
 from webapp.core.geo.types import MapPixel
-from webapp.core.trajectory.match import ClockOffset
+from webapp.core.trajectory import ClockOffset
 from webapp.errors import UsageError
 from webapp.files.exchange.gpx import parse_gpx
 from webapp.files.part_file import discard, receive, show_file_as

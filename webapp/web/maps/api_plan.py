@@ -18,13 +18,17 @@ from webapp.errors import NotFound, UsageError
 from webapp.files.exchange.walk import format_walk_gpx
 from webapp.files.part_file import discard, receive
 from webapp.store.schema import MapRecord
+from webapp.tasks import photo_plan
 from webapp.tasks.exchange.export_source import Download, plain_name
 from webapp.tasks.maps.add_photo import IncomingPhoto, tidy_name
 from webapp.tasks.maps.library_map import as_map
-from webapp.tasks.photo_plan import planning, spot_photo
-from webapp.tasks.photo_plan.planning import MOST_SPOTS, PlanRequest
-from webapp.tasks.photo_plan.spot_photo import TargetPose
-from webapp.tasks.photo_plan.words import PlanWords, walk_of
+from webapp.tasks.photo_plan import (
+    MOST_SPOTS,
+    PlanRequest,
+    PlanWords,
+    TargetPose,
+    walk_of,
+)
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import library, map_role, open_map, settings
 from webapp.web.fields import Boolean, BoundedList, RecordNumber
@@ -143,9 +147,9 @@ def make(slug: str, data: dict[str, Any]) -> dict[str, Any]:
         raise UsageError("the map has no satellite image yet", hint="give it one first")
     cfg = library().cfg(record.slug)
     with _limit.slot():
-        trials = planning.trials_of(map_, cfg)
-        made = planning.plan_photos(map_, trials=trials, request=PlanRequest(data["spots"], area))
-    planning.keep(cfg, made)
+        trials = photo_plan.trials_of(map_, cfg)
+        made = photo_plan.plan_photos(map_, trials=trials, request=PlanRequest(data["spots"], area))
+    photo_plan.keep(cfg, made)
     return _plan(record)
 
 
@@ -155,7 +159,7 @@ def make(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 def walk(slug: str) -> Response:
     """Download the walk of the latest plan."""
     record = open_map(slug)
-    plan = planning.read(library().cfg(record.slug))
+    plan = photo_plan.read(library().cfg(record.slug))
     if plan is None:
         raise NotFound("no photos are planned yet", hint="plan them first")
     title = _("%(name)s: photos to take", name=record.name)
@@ -176,7 +180,7 @@ def add(slug: str, given: dict[str, Any]) -> dict[str, Any]:
     try:
         receive(part, file.stream, max_bytes=int(settings().photo.max_mb * 1e6))
         photo = IncomingPhoto(part, tidy_name(file.filename or ""))
-        intake, suggested = spot_photo.add_photo_at_spot(
+        intake, suggested = photo_plan.add_photo_at_spot(
             library(), record.id, photo=photo, pose=pose, settings=settings()
         )
     finally:
@@ -185,7 +189,7 @@ def add(slug: str, given: dict[str, Any]) -> dict[str, Any]:
 
 
 def _plan(record: MapRecord) -> dict[str, Any]:
-    found = planning.read(library().cfg(record.slug))
+    found = photo_plan.read(library().cfg(record.slug))
     revision = record.revision if found is None else found["revision"]
     return {
         "plan": found,

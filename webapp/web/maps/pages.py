@@ -19,7 +19,6 @@ from webapp.store.maps.changing import INDEX_JOB
 from webapp.store.maps.maps import Role
 from webapp.store.operate import jobs
 from webapp.store.schema import Account, MapRecord
-from webapp.tasks.localize.index_location import has_landmarks
 from webapp.web import errors
 from webapp.web.context import account, library, open_map, reading_map
 from webapp.web.lists import MOST_SEARCHED, split, wanted_part
@@ -156,34 +155,17 @@ def set_calibration(slug: str) -> Response:
     return back("map_pages.settings", slug=slug)
 
 
-@blueprint.post("/maps/<slug>/settings/members")
-def set_role(slug: str) -> Response | tuple[str, int]:
-    """Share the map with a person, or change a person's role."""
-    record = open_map(slug, "owner")
+@blueprint.post("/maps/<slug>/settings/leave")
+def leave(slug: str) -> Response | tuple[str, int]:
+    """Remove the caller from the members of the map."""
+    record = open_map(slug)
     try:
         with library().database.write() as db:
-            person = accounts.named(db, text("name"))
-            accounts.set_member_role(db, record, account=person, role=text("role"))
+            accounts.remove_member(db, record, account=db.get_one(Account, account().id))
     except ExpMapError as error:
         return _settings_page(record, error=error), errors.status_of(error)
-    flash(_("%(name)s now has access.", name=person.name), "success")
-    return back("map_pages.settings", slug=slug)
-
-
-@blueprint.post("/maps/<slug>/settings/members/<id:account_id>/remove")
-def remove_member(slug: str, account_id: int) -> Response | tuple[str, int]:
-    """Stop sharing the map with a person; members may also remove themselves."""
-    leaving = account_id == account().id
-    record = open_map(slug, "viewer" if leaving else "owner")
-    try:
-        with library().database.write() as db:
-            person = db.get(Account, account_id)
-            if person is not None:
-                accounts.remove_member(db, record, account=person)
-    except ExpMapError as error:
-        return _settings_page(record, error=error), errors.status_of(error)
-    flash(_("The map is no longer shared with this person."), "success")
-    return back("map_pages.index") if leaving else back("map_pages.settings", slug=slug)
+    flash(_("The map is no longer shared with you."), "success")
+    return back("map_pages.index")
 
 
 def _settings_page(record: MapRecord, *, error: ExpMapError | None = None) -> str:
@@ -195,6 +177,5 @@ def _settings_page(record: MapRecord, *, error: ExpMapError | None = None) -> st
         map=record,
         members=shared,
         is_owner=role == "owner",
-        in_3d=has_landmarks(library().cfg(record.slug)),
         error=error,
     )

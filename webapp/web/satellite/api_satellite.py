@@ -13,10 +13,11 @@ from flask import Response, request, send_file
 from werkzeug.datastructures import FileStorage
 
 from webapp.core.geo.tilegrid import MAX_ZOOM, GeoBox
-from webapp.errors import UsageError
+from webapp.errors import NotFound, UsageError
 from webapp.files.part_file import receive, show_file_as
 from webapp.files.satellite.georeference_files import parse_corners
-from webapp.net.services import tile_services
+from webapp.files.satellite.tile_archive import PICTURES, opened_tiles
+from webapp.net.services import named, tile_services
 from webapp.store.operate import jobs
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.satellite import display, new_image
@@ -28,7 +29,7 @@ from webapp.tasks.satellite.new_image import PlanSize
 from webapp.tasks.satellite.tiles import TILES_JOB, TileRequest
 from webapp.web.body_limits import limit_image
 from webapp.web.concurrency import ConcurrencyLimit
-from webapp.web.context import account, library, map_role, open_map, settings
+from webapp.web.context import account, library, map_role, open_map, public, settings
 from webapp.web.fields import Boolean, RecordNumber
 from webapp.web.openapi import file_answer
 from webapp.web.satellite.api_georeference import MOST_CORNERS, ImageAnswer, answer
@@ -124,6 +125,25 @@ def services() -> dict[str, Any]:
     """List the available tile services, with their attributions."""
     account()
     return {"services": [*map(service_json, tile_services(settings().tile_services))]}
+
+
+@blueprint.get("/tile-services/<path:name>/tiles/<int:z>/<int:x>/<int:y>")
+@public
+@blueprint.doc(responses=file_answer("The tile.", "image/png", "image/jpeg", "image/webp"))
+def service_tile(*, name: str, z: int, x: int, y: int) -> Response:
+    """Get a tile of a service that is a file of this server: a PNG, JPEG or WebP file."""
+    service = named(tile_services(settings().tile_services), name)
+    if not service.public:
+        account()
+    missing = NotFound("there is no such tile", where=f"{z}/{x}/{y}")
+    if service.file is None or z > service.max_zoom or not max(x, y) < 1 << z:
+        raise missing
+    with opened_tiles(service.file) as archive:
+        data = archive.tile(z, x, y)
+    if data is None:
+        raise missing
+    media_type = next(kind for begin, kind in PICTURES.items() if data.startswith(begin))
+    return Response(data, mimetype=media_type, headers={"Cache-Control": "private, max-age=86400"})
 
 
 def service_json(service: Any) -> dict[str, Any]:

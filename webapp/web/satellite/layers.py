@@ -26,7 +26,7 @@ def offered_layers(*, to_visitors: bool = False) -> tuple[TileService, ...]:
         _log.warning("no map tile services are offered: %s", error)
         return ()
     services = tuple(service for service in found if service.public or not to_visitors)
-    allow_images(*sorted({service.origin for service in services}))
+    allow_images(*sorted({service.origin for service in services if service.file is None}))
     return services
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from typing import Any, cast
 
 from apiflask import APIBlueprint, Schema
@@ -18,7 +19,7 @@ from webapp.files.photos.preview import Kind
 from webapp.store import sharing
 from webapp.store.sharing import OpenedShare
 from webapp.tasks.localize import show_query, upload
-from webapp.tasks.localize.upload import LocalizeRequest
+from webapp.tasks.localize.upload import LocalizeRequest, Send
 from webapp.tasks.maps import show_photo
 from webapp.tasks.satellite import display
 from webapp.tasks.satellite.floors import found_floor
@@ -26,7 +27,7 @@ from webapp.web.body_limits import limit_photo
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import authorized_by, library, public, settings
 from webapp.web.counting import storage_address
-from webapp.web.localize.answers import Located
+from webapp.web.localize.answers import Located, answer_or_events
 from webapp.web.localize.api_localize import map_cache, received
 from webapp.web.maps.schemas import FloorOut, NoteOut, PageQuery
 from webapp.web.openapi import file_answer
@@ -214,19 +215,29 @@ def _for_visitors(token: str) -> OpenedShare:
 @authorized_by(_for_visitors)
 @blueprint.input(VisitIn, location="files", arg_name="given")
 @blueprint.output(Located)
-def localize(token: str, given: dict[str, FileStorage]) -> dict[str, Any]:
-    """Localize a visitor's photo, if the share allows it; neither photo nor answer is stored."""
+def localize(token: str, given: dict[str, FileStorage]) -> dict[str, Any] | Response:
+    """Localize a visitor's photo, if the share allows it; neither photo nor answer is stored.
+
+    With `Accept: text/event-stream` the response is server-sent events, as for members of the map.
+    """
     opened = _for_visitors(token)
     _count_visit(opened)
-    with visitors_limit.slot(), received(opened.map, [given["file"]], again=None) as photos:
-        try:
-            result = upload.localize_uploads(map_cache(), opened.map.id, request=LocalizeRequest(photos))
-        except (NotReady, IndexDamaged) as error:
-            raise NotReady(
-                "photos cannot be localized on this map yet", hint="come back in a few minutes"
-            ) from error
-    metrics.count_answer(result.form["seconds"])
-    return result.form
+    cache, map_id = map_cache(), opened.map.id
+    with ExitStack() as held:
+        held.enter_context(visitors_limit.slot())
+        photos = held.enter_context(received(opened.map, [given["file"]], again=None))
+
+        def answer(send: Send | None) -> dict[str, Any]:
+            try:
+                result = upload.localize_uploads(cache, map_id, request=LocalizeRequest(photos, send=send))
+            except (NotReady, IndexDamaged) as error:
+                raise NotReady(
+                    "photos cannot be localized on this map yet", hint="come back in a few minutes"
+                ) from error
+            metrics.count_answer(result.form["seconds"])
+            return result.form
+
+        return answer_or_events(held, answer, form=Located())
 
 
 def _count_visit(opened: OpenedShare) -> None:

@@ -16,6 +16,7 @@ from webapp.store.accounts import accounts
 from webapp.store.maps import maps
 from webapp.store.schema import Account, MapRecord, Share
 from webapp.store.sharing import SharePermissions
+from webapp.tasks.localize.index_location import has_landmarks
 from webapp.web.context import account, library, map_role, open_map
 from webapp.web.fields import LATER, Boolean, RecordNumber
 
@@ -82,6 +83,7 @@ class ShareList(Schema):
     """The shares of a map and of its answers, the newest first."""
 
     shares = List(Nested(ShareOut))
+    in_3d = Boolean(metadata={"description": "Whether the map has landmarks, which a share can include."})
 
 
 @shares_api.get("")
@@ -94,7 +96,8 @@ def list_shares(slug: str) -> dict[str, Any]:
             "shares": [
                 _share_json(record, share, maker=sharing.creator_of(session, share))
                 for share in sharing.list_shares(session, record)
-            ]
+            ],
+            "in_3d": has_landmarks(library().cfg(slug)),
         }
 
 

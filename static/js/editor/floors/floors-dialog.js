@@ -13,7 +13,6 @@ const IMAGES = "image/png,image/jpeg,image/tiff,.png,.jpg,.jpeg,.tif,.tiff";
 /** Connect the item of the menu. @param {Object} page store, server and align */
 export function connectFloors(page) {
   byId("floors-button").addEventListener("click", () => {
-    byId("place-menu", HTMLDetailsElement).open = false;
     if (page.store.satellite) new FloorsDialog(page);
   });
 }

@@ -4,8 +4,8 @@ import { h } from "../dom.js";
 import { percentText } from "../format.js";
 import { t } from "../i18n.js";
 import { probabilityColours } from "./answer-format.js";
-import { isOffMap } from "./query-session.js";
-import { isFaint, verdictOf, verdictText } from "./verdict.js";
+import { isOffMap, verdictOf } from "./query-session.js";
+import { isFaint, verdictText } from "./verdict.js";
 
 /** @returns {HTMLElement} with the verdict as its tooltip */
 export function answerBadge(answer) {

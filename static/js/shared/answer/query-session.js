@@ -5,9 +5,14 @@
 
 /** @typedef {Api["HypothesisOut"]} Hypothesis */
 
+/** The server's verdict; answers that a browser has kept since an earlier version have none, and count as uncertain. */
+export function verdictOf({ verdict, hypotheses }) {
+  return verdict ?? (hypotheses.length ? "perhaps_place" : "off_map");
+}
+
 /** Whether an answer says "not on this map". */
-export function isOffMap({ hypotheses: [first], off_map_probability: off }) {
-  return !first || (off ?? 0) > first.probability;
+export function isOffMap(answer) {
+  return !["place", "perhaps_place"].includes(verdictOf(answer));
 }
 
 const WORTH_TELLING = 0.005;

@@ -1,18 +1,9 @@
-/** The answer in one sentence, by the rule of `webapp/core/hypotheses/verdict.py`, and which places are improbable. */
+/** The answer in one sentence, by the server's verdict, and which places are improbable. */
 
 import { t } from "../i18n.js";
-import { isOffMap } from "./query-session.js";
+import { verdictOf } from "./query-session.js";
 
-const LIKELY = 0.5;
 const LITTLE = 0.05;
-
-/** @returns {"off_map"|"perhaps_off_map"|"perhaps_place"|"place"|"nothing_to_see"} */
-export function verdictOf(answer) {
-  const { hypotheses: [first], off_map_probability: off, verdict } = answer;
-  if (!first && verdict === "nothing_to_see") return verdict;
-  if (isOffMap(answer)) return off === null || off >= LIKELY ? "off_map" : "perhaps_off_map";
-  return off === null || first.probability >= LIKELY ? "place" : "perhaps_place"; // `vote` gives shares, no probabilities
-}
 
 /** The sentence above the list. */
 export function verdictText(answer) {

@@ -294,6 +294,27 @@ def test_an_unknown_coordinate_system_is_refused_by_name(crs: dict[str, dict[str
     assert named in error.value.message
 
 
+@pytest.mark.parametrize("kind", ["LineString", "MultiLineString", "Point", "MultiPoint"])
+@pytest.mark.parametrize("crs", [{}, {"crs": None}])
+def test_metres_without_a_coordinate_system_are_refused_in_a_sentence(
+    kind: str, crs: dict[str, None]
+) -> None:
+    places = [[458000.5, 5550000], [458010, 5550010], [458020, 5550020]]
+    nested = {"LineString": places, "MultiLineString": [places], "Point": places[0], "MultiPoint": places}
+    text = json.dumps({**json.loads(collection(feature(kind, nested[kind]))), **crs})
+    message = r"such as 458000.5, 5550000, are beyond degrees, and the file states no coordinate system"
+    with pytest.raises(TrackError, match=message) as error:
+        read(geojson_reader.read, text)
+    assert error.value.hint == "export it in WGS 84 (EPSG:4326)"
+
+
+def test_single_positions_beyond_degrees_do_not_refuse_a_file() -> None:
+    (piece,), _ = read(
+        geojson_reader.read, json.dumps(feature("LineString", [[14, 50], [1e9, 1e9], [14.1, 50]]))
+    )
+    assert len(piece.poses) == 3, "the import leaves out the wrong one, with a count"
+
+
 def test_a_sequence_of_features_is_read_to_where_it_was_cut() -> None:
     features = [
         json.dumps(feature("Point", [14, 50 + n], properties={"time": f"2026-05-01T10:00:0{n}Z"}))

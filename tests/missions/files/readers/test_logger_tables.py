@@ -182,3 +182,25 @@ def test_times_that_begin_late_are_kept(monkeypatch):
     assert [piece.timed for piece in pieces] == [True]
     assert sum(len(piece.poses) for piece in pieces) == 60
     assert [(one.reason, one.count) for one in findings.skipped()] == [(NO_TIME, 18)]
+
+
+@pytest.mark.parametrize(
+    ("header", "page"),
+    [
+        ("Čas;Zeměpisná šířka;Zeměpisná délka;Nadmořská výška", "cp1250"),
+        ("Čas;Šířka;Délka;Výška", "cp1250"),
+        ("Zeit;Geografische Breite;Geografische Länge;Höhe", "cp1252"),
+        ("Uhrzeit;Nördliche Breite;Östliche Länge;Höhe über Meer", "cp1252"),
+        ("Czas;Szerokość geograficzna;Długość geograficzna;Wysokość", "cp1250"),
+        ("Date et heure;Latitude (degrés);Longitude (degrés);Altitude (mètres)", "cp1252"),
+        ("Fecha y hora;Latitud;Longitud;Elevación", "cp1252"),
+    ],
+)
+@pytest.mark.parametrize("is_utf8", [True, False])
+def test_headers_in_a_code_page_of_windows_are_understood(header, page, is_utf8):
+    text = f"{header}\n2026-05-01 10:00:00;50,1;14,4;200\n2026-05-01 10:00:01;50,2;14,4;201\n"
+    file = io.BytesIO(text.encode("utf-8" if is_utf8 else page))
+    (piece,) = csv_reader.read(file, columns=None, findings=Findings())
+    assert piece.poses.latlon.tolist() == [[50.1, 14.4], [50.2, 14.4]]
+    assert piece.poses.height_m.tolist() == [200.0, 201.0]
+    assert piece.timed

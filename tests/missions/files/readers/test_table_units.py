@@ -34,6 +34,12 @@ def read(text, **options):
         ("time (min)", "29627160", "29627160.025"),
         ("time", "1777629600000", "1777629601500"),
         ("gpsdatetime", "2026:05:01 10:00:00", "2026:05:01 10:00:01.5"),
+        ("timestampMs", "1777629600000", "1777629601500"),
+        ("timeNanos", "1777629600000000000", "1777629601500000000"),
+        ("Unix Timestamp [ms]", "1777629600000", "1777629601500"),
+        ("%time,field.header.seq,field.header.stamp", "1777629600000000000,1,0", "1777629601500000000,2,0"),
+        ("header.stamp.sec,header.stamp.nanosec", "1777629600,0", "1777629601,500000000"),
+        ("secs,nsecs", "1777629600,0", "1777629601,500000000"),
     ],
 )
 def test_times_are_read_in_the_unit_of_the_header(header, first, second):
@@ -201,3 +207,73 @@ def test_times_of_geojson_follow_the_same_rule():
         data = (text % (START * scale)).encode()
         (piece,) = geojson_reader.read(io.BytesIO(data), findings=Findings())
         assert piece.poses.times_s.tolist() == [START]
+
+
+WEEK, SECONDS = 2416, 468018  # of GPS at 2026-05-01 10:00:00 UTC, which is 18 s behind
+
+
+@pytest.mark.parametrize(
+    ("header", "seconds"),
+    [
+        ("week,tow", SECONDS),
+        ("GPS Week,GPS Seconds", SECONDS),
+        ("gps_week,sow [s]", SECONDS),
+        ("GPSWeek,GPSSecond", SECONDS),
+        ("wn,iTOW", SECONDS * 1000),
+        ("week,tow [ms]", SECONDS * 1000),
+        ("GWk,GMS", SECONDS * 1000),
+        ("Week,TOW", SECONDS * 1000),
+        ("week,time", SECONDS),
+        ("week,gps_time", SECONDS),
+        ("week,seconds_of_week", f"{SECONDS}.000"),
+    ],
+)
+def test_weeks_of_gps_and_their_seconds_are_converted_to_utc(header, seconds):
+    piece, findings = read(f"{header},lat,lon\n{WEEK},{seconds},50,14\n{WEEK},{seconds},50.1,14\n")
+    assert piece.timed
+    assert piece.poses.times_s.tolist() == [START, START]
+    (note,) = findings.notes
+    assert note.startswith("the times are weeks of GPS and seconds of the week in ")
+
+
+@pytest.mark.parametrize(
+    ("header", "cells"),
+    [
+        ("week,tow,utc_time", f"{WEEK},5,2026-05-01T10:00:00Z"),
+        ("timestamp,week,tow", f"1777629600,{WEEK},5"),
+        ("local_time,week,tow", f"2026-05-01 12:00:00,{WEEK},{SECONDS}"),
+        ("time,week,tow", f"0.5,{WEEK},{SECONDS}"),
+    ],
+)
+def test_utc_comes_before_weeks_of_gps_and_these_before_local_and_relative_times(header, cells):
+    piece, _ = read(f"{header},lat,lon\n{cells},50,14\n")
+    assert piece.poses.times_s.tolist() == [START]
+
+
+@pytest.mark.parametrize(
+    ("header", "cells", "times", "note"),
+    [
+        ("week", f"{WEEK}", [0.0], "the weeks of GPS are not used: no column has the seconds of the week"),
+        ("tow", f"{SECONDS}", [SECONDS], "the seconds of a week in tow have no week: they count from 1970"),
+        ("week,tow", f"{WEEK - 2048},{SECONDS}", None, "week 368 is one of 1980 to 1999"),
+    ],
+)
+def test_half_a_time_of_gps_is_said(header, cells, times, note):
+    piece, findings = read(f"{header},lat,lon\n{cells},50,14\n")
+    assert times is None or piece.poses.times_s.tolist() == times
+    assert any(one.startswith(note) for one in findings.notes)
+
+
+def test_weeks_can_be_named_and_need_their_seconds():
+    text = f"a,b,lat,lon\n{WEEK},{SECONDS}000,50,14\n"
+    piece, _ = read(text, columns="week=a, tow=b:ms, lat=lat, lon=lon")
+    assert piece.poses.times_s.tolist() == [START]
+    with pytest.raises(UsageError, match="needs both week and tow"):
+        read(text, columns="week=a, lat=lat, lon=lon")
+
+
+def test_numbers_that_are_no_degrees_are_refused_in_a_sentence():
+    with pytest.raises(TrackError, match="the numbers of 'Lat', such as 501000000, are no degrees"):
+        read("Lat,Lon\n501000000,144000000\n")
+    piece, _ = read("Lat,Lon\n501000000,144000000\n", columns="lat=Lat:e7, lon=Lon:e7")
+    assert piece.poses.latlon.tolist() == [[pytest.approx(50.1), pytest.approx(14.4)]]

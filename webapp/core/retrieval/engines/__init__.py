@@ -2,5 +2,5 @@
 
 `types.py` is the interface; each engine is a file: `ivf.py` (inverted file, compressed for large maps),
 `twostage.py` (one signature per photo, `vlad.py`, for maps that do not fit into memory), `flann.py` (kd-trees
-or LSH), `bruteforce.py` (exact). `tiers.py` chooses by the available memory.
+or LSH), `bruteforce.py` (exact). `types.py` chooses by the available memory.
 """

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.types import Kind
-from webapp.core.retrieval.engines.tiers import is_uncompressed
-from webapp.core.retrieval.engines.types import Neighbours, merge_nearest, no_neighbours
+from webapp.core.retrieval.engines.types import Neighbours, is_uncompressed, merge_nearest, no_neighbours
 
 SAMPLE_PER_CELL = 40
 """Descriptors per cell for k-means."""

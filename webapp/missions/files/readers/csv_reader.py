@@ -101,7 +101,7 @@ def _survey(
     timed: Counter[Key] = Counter()
     counts: Counter[Key] = Counter()
     places: list[list[float]] = []
-    has_time = "time" in table.columns or "date" in table.columns
+    has_time = table.has_times
     whole = "track" in table.columns or "source" in table.columns
     wants_axes = axes is None and "lat" not in table.columns and "qx" in table.columns
     for number, (_, fields) in enumerate(table_rows(file, table)):

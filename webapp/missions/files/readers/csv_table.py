@@ -26,6 +26,7 @@ from webapp.core.columns import (
     candidates,
     guess_columns,
     parse_columns,
+    read_header,
     unit_word,
 )
 from webapp.errors import TrackError, UsageError
@@ -33,7 +34,7 @@ from webapp.files.exchange.cells import angle, day_order, moment, quantity, seco
 from webapp.files.exchange.times import unix_time
 from webapp.files.text_file import MAX_LINE, cell_text, delimiter_of, numbered_lines, split_row
 from webapp.missions.core.trajectory.records import SOURCES, Source
-from webapp.missions.files.readers.time_units import LAST_S, ticks
+from webapp.missions.files.readers.time_units import LAST_S, WEEK_S, ticks, utc_from_week
 from webapp.missions.files.track_chunks import Findings
 
 _BLANK = "'’ \u00a0\u2009\u202f"
@@ -67,6 +68,11 @@ _ABSOLUTE_S = 1e8
 _MOST_CANDIDATES = 20
 """Number of columns for times that are compared."""
 
+_IN_MILLISECONDS = {"gms", "itow", "i_tow"}
+"""Headers of seconds of the week in milliseconds, as u-blox and ArduPilot name them."""
+
+_WEEKS_OF_10_BITS = 1024
+_NO_DEGREES = 360.0
 _EXIF_DATE = re.compile(r"(\d{4}):(\d\d):(\d\d)(?=[ T]|$)")
 
 
@@ -211,6 +217,14 @@ class Table:
 
     def time(self, fields: Sequence[str]) -> float:
         """Return the time of a row, combining a date and a time column if necessary; NaN without a time."""
+        if "week" in self.columns:
+            week, seconds = (self.number(fields, name) for name in ("week", "tow"))
+            return utc_from_week(week, seconds) if week >= 0.0 and 0.0 <= seconds <= WEEK_S else math.nan
+        later = self.number(fields, "nanos") if "nanos" in self.columns else 0.0
+        value = self._moment(fields) + later
+        return value if abs(value) < LAST_S else math.nan
+
+    def _moment(self, fields: Sequence[str]) -> float:
         text, day = (_plain_moment(self.text(fields, name)) for name in ("time", "date"))
         value = unix_time(text)
         if math.isnan(value) and day:
@@ -221,7 +235,7 @@ class Table:
             value = self.seconds(text)
             if math.isnan(value):
                 value = moment(*split_datetime(text), order=self.order)
-        return value if abs(value) < LAST_S else math.nan
+        return value
 
     def seconds(self, text: str) -> float:
         """Parse a numeric time; return seconds since 1970."""
@@ -232,6 +246,10 @@ class Table:
         if self.has_frame_numbers and value * _NANO < _FIRST_S:
             return math.nan
         return value / ticks(value) if column.scale == 1.0 else value
+
+    @property
+    def has_times(self) -> bool:
+        return any(name in self.columns for name in ("time", "date", "week"))
 
     @property
     def has_frame_numbers(self) -> bool:
@@ -280,8 +298,23 @@ def open_table(file: BinaryIO, columns: str | None) -> Table:
     if columns:
         return table
     rows = [cells for _, cells in islice(table_rows(file, table), _TRIED)]
+    _check_degrees(table, rows)
     chosen, said = _choose_times(table.header, table.columns, rows=rows)
+    if {"week", "tow"} & chosen.keys():
+        chosen, said = _choose_weeks(table.header, chosen, rows=rows, said=said)
     return replace(table, columns=chosen, remarks=(*table.remarks, *said))
+
+
+def _check_degrees(table: Table, rows: Sequence[Sequence[str]]) -> None:
+    """Refuse latitudes in another unit than their header says, such as 1e-7 degrees. Raises TrackError."""
+    found = [abs(table.number(row, "lat")) for row in rows] if "lat" in table.columns else []
+    known = [value for value in found if not math.isnan(value)]
+    if known and min(known) > _NO_DEGREES:
+        name = table.header[table.columns["lat"].index].strip()
+        raise TrackError(
+            f"the numbers of {name!r}, such as {known[0]:.10g}, are no degrees",
+            hint="give their unit, such as lat=lat:e7, lon=lon:e7; or convert them to degrees",
+        )
 
 
 def _open(line: str, remarks: Iterable[str], columns: str | None, *, number: int, delimiter: str) -> Table:
@@ -392,7 +425,7 @@ def table_rows(file: BinaryIO, table: Table) -> Iterator[tuple[str, list[str]]]:
 
 def time_name(table: Table) -> str:
     """Return the name of the time column from the header, or else its number."""
-    column = table.columns.get("time") or table.columns["date"]
+    column = next(table.columns[name] for name in ("tow", "time", "date") if name in table.columns)
     return table.header[column.index].strip() if column.index < len(table.header) else str(column.index + 1)
 
 
@@ -488,6 +521,45 @@ def _choose_times(
     if best.holds is not _Holds.NOTHING and best.basis < 0:
         remarks.append(f"the local times of {name} were read as UTC")
     return chosen, remarks
+
+
+def _choose_weeks(
+    header: Sequence[str], columns: Columns, *, rows: Sequence[Sequence[str]], said: list[str]
+) -> tuple[Columns, list[str]]:
+    """Decide whether the times are weeks of GPS and seconds of the week; arguments as `_choose_times`."""
+    others = {name: column for name, column in columns.items() if name not in ("week", "tow")}
+    time, week, tow = (columns.get(name) for name in ("time", "week", "tow"))
+    holds = _Holds.NOTHING if time is None else _holds(time, rows, has_date="date" in columns)
+    is_local = time is not None and read_header(header[time.index]).basis < 0
+    if holds >= _Holds.CLOCK and not (is_local and week and tow):
+        return others, said
+    if tow is None and holds is _Holds.RELATIVE:
+        tow = time
+    if week is None and tow is not None:
+        if holds is not _Holds.NOTHING:
+            return others, said
+        note = (
+            f"the seconds of a week in {header[tow.index].strip()} have no week: they count from 1970-01-01"
+        )
+        return {**others, "time": tow}, [note]
+    if week is None or tow is None:
+        note = "the weeks of GPS are not used: no column has the seconds of the week"
+        return others, [*said, note]
+    number, longest = (_largest(rows, column) for column in (week, tow))
+    name = header[tow.index].strip()
+    if read_header(name).unit is None and (longest > WEEK_S or name.lower() in _IN_MILLISECONDS):
+        tow = replace(tow, scale=1e-3)
+    notes = [f"the times are weeks of GPS and seconds of the week in {name}: they were converted to UTC"]
+    if number < _WEEKS_OF_10_BITS:
+        notes.append(f"week {number:.0f} is one of 1980 to 1999: some receivers begin again after 1024 weeks")
+    rest = {name: column for name, column in others.items() if name not in ("time", "date")}
+    return {**rest, "week": week, "tow": tow}, notes
+
+
+def _largest(rows: Sequence[Sequence[str]], column: Column) -> float:
+    cells = [row[column.index].strip().replace(",", ".") for row in rows if column.index < len(row)]
+    numbers = [quantity(cell, scale=1.0, units={}) for cell in cells]
+    return max((number for number in numbers if not math.isnan(number)), default=0.0)
 
 
 def _plain_moment(text: str) -> str:

@@ -15,7 +15,8 @@ from typing import Any, BinaryIO
 
 from webapp.core.geo.crs import latlon_from_plane, parse_crs
 from webapp.core.geo.types import LatLon
-from webapp.errors import GeoreferenceError, TrackError
+from webapp.errors import TrackError
+from webapp.files.exchange.geojson import EXPORT_WGS84, NO_PLANE, is_beyond_degrees, stated_plane
 from webapp.files.exchange.times import unix_time
 from webapp.missions.core.trajectory.records import SOURCES, Sighting, Source
 from webapp.missions.files.readers.line_buffer import LineBuffer, LinePoint, mostly_timed
@@ -37,14 +38,6 @@ _TIME_LISTS = ("times", "coordTimes", "timestamps")
 _TIMES = ("time", "timestamp", "datetime", "date_time")
 _BETWEEN = re.compile(r"[\s\x1e]*")
 _DECODER = json.JSONDecoder()
-_CRS = re.compile(
-    r"(?:urn:(?:x-)?ogc:def:crs:|https?://www\.opengis\.net/(?:def/crs/|gml/srs/)|)"
-    r"(?:(epsg|ogc|esri|ignf)(?:\.xml)?[:/#](?:[\w.]*[:/])?)?(\w+)",
-    re.IGNORECASE,
-)
-"""`EPSG:25833`, `urn:ogc:def:crs:EPSG::25833`, `http://www.opengis.net/def/crs/EPSG/0/25833`, `25833` ..."""
-
-_WGS84 = {"EPSG:4326", "EPSG:4979", "OGC:CRS84", "OGC:CRS84H"}
 _AREAS = {"Polygon", "MultiPolygon"}
 _OF_LINES = {"LineString", "MultiLineString"}
 
@@ -57,9 +50,11 @@ def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
     """
     features = _Features(findings)
     for document in _documents(file, findings=findings):
-        features.plane = _plane(document)
+        features.plane = stated_plane(document, error=TrackError)
         for feature in _features(document):
             yield from features.feature(feature)
+    if 2 * features.beyond > features.positions:
+        raise TrackError(NO_PLANE.format(features.first_beyond), hint=EXPORT_WGS84)
     yield from features.rest()
 
 
@@ -85,32 +80,6 @@ def _documents(file: BinaryIO, *, findings: Findings) -> Iterator[Any]:
             raise ValueError("it is empty")
     except (ValueError, RecursionError) as error:
         raise TrackError(f"the JSON is damaged: {str(error)[:200]}", hint="export it again") from error
-
-
-def _plane(holder: Any, usual: str | None = None) -> str | None:
-    """Return the coordinate system of a document, a feature or a geometry; None for WGS 84.
-
-    Args:
-        usual: That of what holds it.
-
-    Raises:
-        TrackError: It has one that is not known.
-    """
-    given = holder.get("crs") if isinstance(holder, dict) else None
-    if not isinstance(given, dict):
-        return usual
-    about = _properties(given)
-    named = _text(about.get("name") or about.get("code") or about.get("href") or given.get("type"))
-    found = _CRS.fullmatch(named)
-    code = f"{(found[1] or 'EPSG').upper()}:{found[2]}" if found else named
-    if code in _WGS84:
-        return None
-    try:
-        parse_crs(code)
-    except GeoreferenceError as error:
-        message = f"the coordinate system {named[:80]!r} is not known"
-        raise TrackError(message, where="crs", hint="export it in WGS 84 (EPSG:4326)") from error
-    return code
 
 
 def _features(document: Any) -> Iterator[dict[str, Any]]:
@@ -140,6 +109,10 @@ class _Features:
     points_of_feature: int = 0
     # Points with times, by the name of their track, which follow at the end as tracks.
     poses: dict[str, list[LinePoint]] = field(default_factory=dict)
+    # Number of positions without a coordinate system, of those beyond degrees, and the first of these.
+    positions: int = 0
+    beyond: int = 0
+    first_beyond: str = ""
     plane: str | None = None  # Coordinate system of the document; None for WGS 84
     _own: str | None = None  # That of the current geometry
 
@@ -150,7 +123,8 @@ class _Features:
 
     def geometry(self, geometry: Any, feature: Mapping[str, Any], *, depth: int) -> Iterator[Piece]:
         where = f"feature {self.number}"
-        self._own = _plane(geometry, _plane(feature, self.plane))
+        of_feature = stated_plane(feature, self.plane, error=TrackError)
+        self._own = stated_plane(geometry, of_feature, error=TrackError)
         kind = geometry.get("type") if isinstance(geometry, dict) else None
         if kind in _AREAS:
             self.findings.skip("areas, which are not tracks", where=where)
@@ -206,11 +180,21 @@ class _Features:
     def on_earth(self, places: list[Any]) -> list[Any]:
         """Transform positions to longitude and latitude."""
         if self._own is None or not places:
+            self.measure(places)
             return places
         self.findings.note(f"positions were transformed from {self._own}, {parse_crs(self._own).name}")
         rows = [[_number(value) for value in [*_list(place)[:3], None, None, None][:3]] for place in places]
         latlon = latlon_from_plane(self._own, [row[:2] for row in rows])
         return [[lon, lat, row[2]] for (lat, lon), row in zip(latlon.tolist(), rows, strict=True)]
+
+    def measure(self, places: list[Any]) -> None:
+        """Count the positions that are no degrees."""
+        self.positions += len(places)
+        for place in places:
+            x, y = [*map(_number, _list(place)[:2]), math.nan, math.nan][:2]
+            if is_beyond_degrees(x, y):
+                self.beyond += 1
+                self.first_beyond = self.first_beyond or f"{x:.10g}, {y:.10g}"
 
     def sighting(self, at: LinePoint, feature: Mapping[str, Any]) -> Sighting:
         own = _properties(feature)

@@ -2,8 +2,8 @@
 
 Consecutive sentences with the same time of day form one fix: RMC has the date, position, speed and course,
 GGA and GNS position and height, GLL position, GST the accuracy. A fix without a date gets the one that puts
-it nearest to the previous fix. WPL is a waypoint. Two receivers in one log, which take turns, are
-distinguished by their talkers (`GP`, `GN`).
+it nearest to the previous fix. WPL is a waypoint. Receivers in one log, which take turns, are distinguished
+by their talkers (`GP`, `GN`), and those with one talker by their positions at the same times.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime, time, timedelta
 from functools import reduce
+from itertools import pairwise, permutations
 from operator import xor
 from typing import BinaryIO
 
@@ -35,6 +36,7 @@ _INVALID = "fixes marked invalid by the receiver"
 _ESTIMATED = "positions that the receiver estimated without satellites"
 _MADE_UP = "positions that were simulated or entered by hand"
 _CUT = "sentences that are cut off"
+_SAME_TIME = "fixes with the time of another one, perhaps of a second receiver"
 
 _LEAST = {"RMC": 9, "GGA": 6, "GNS": 6, "GLL": 4, "GST": 8, "ZDA": 4, "WPL": 5}
 """Sentences that are used, and how many fields they have at least."""
@@ -53,6 +55,16 @@ _MOST_DEG = {"NS": 90.0, "EW": 180.0}
 
 _FIRST_YEAR = 1990
 """Receivers that do not know the date yet begin in 1980."""
+
+_APART_M = 30.0
+"""The positions of sentences of other kinds, at one time, are those of one receiver up to this distance."""
+
+_LEAST_TOGETHER, _TOGETHER = 2, 0.2
+"""Least number and share of times at which several receivers have positions."""
+
+_MOST_RECEIVERS = 4
+_TO_AND_FRO = 1.15
+"""Least ratio of the way through the positions of several receivers to their own ways."""
 
 _TURNS = 0.5
 """Least share of changes of the talker for which a log has two receivers: one changes it rarely."""
@@ -232,13 +244,127 @@ class _Fix:
     var_e: float = math.nan
     var_n: float = math.nan
     bad: str = ""  # Why it is left out
+    # The position that each kind of its sentences has.
+    kinds: dict[str, LatLon | None] = field(default_factory=dict)
 
-    def take(self, sentence: _Sentence) -> None:
-        """Merge a sentence."""
-        self.bad = self.bad or sentence.bad
+    @property
+    def place(self) -> LatLon | None:
+        return None if math.isnan(self.lat) else LatLon(self.lat, self.lon)
+
+    def take(self, other: _Sentence | _Fix) -> None:
+        """Merge a sentence, or another fix."""
+        self.bad = self.bad or other.bad
         for name in ("lat", "lon", "height_m", "heading_deg", "var_e", "var_n"):
-            if not math.isnan(value := getattr(sentence, name)):
+            if not math.isnan(value := getattr(other, name)):
                 setattr(self, name, value)
+        self.kinds |= other.kinds if isinstance(other, _Fix) else {other.kind: other.place}
+
+    def off_m(self, sentence: _Sentence) -> float:
+        """Return how far it is from a sentence; infinite if it has such a sentence with another position."""
+        if self.kinds.get(sentence.kind, sentence.place) != sentence.place:
+            return math.inf
+        both_placed = self.place is not None and sentence.place is not None
+        return _apart_m(self.place, sentence.place) if both_placed else _APART_M  # type: ignore[arg-type]
+
+
+@dataclass(slots=True)
+class _Epochs:
+    """Gathers sentences by time of day: the fix of a receiver, or those of several."""
+
+    depth: int = 1  # Times that are open at once; receivers whose sentences take turns may lag behind
+    open: dict[time, list[_Fix]] = field(default_factory=dict)
+    last: _Fix | None = None
+
+    def add(self, sentence: _Sentence) -> None:
+        assert sentence.clock is not None, "without a time there is no fix"
+        fixes = self.open.setdefault(sentence.clock, [])
+        found = min(fixes, key=lambda fix: (fix.off_m(sentence), fix is not self.last), default=None)
+        if found is None or found.off_m(sentence) > _APART_M:
+            fixes.append(found := _Fix(sentence.clock))
+        found.take(sentence)
+        self.last = found
+
+    def closed(self, *, all: bool = False) -> Iterator[list[_Fix]]:
+        """Remove and yield the fixes of the times that are complete."""
+        while len(self.open) > (0 if all else self.depth):
+            yield self.open.pop(next(iter(self.open)))
+
+
+@dataclass(slots=True)
+class _Crowd:
+    """Counts the positions at the same times.
+
+    A receiver that writes whole seconds has several as well. But these lie along its way, and those of
+    several receivers to and fro.
+    """
+
+    epochs: _Epochs = field(default_factory=lambda: _Epochs(depth=2))
+    times: int = 0
+    numbers: Counter[int] = field(default_factory=Counter)
+    before: list[LatLon] = field(default_factory=list)
+    all_m: float = 0.0  # Length of the way through all positions
+    each_m: float = 0.0  # That of the ways of single receivers, on average
+
+    def add(self, sentence: _Sentence) -> None:
+        if sentence.clock is not None and sentence.kind not in ("ZDA", "WPL"):
+            self.epochs.add(sentence)
+            self.count(self.epochs.closed())
+
+    def count(self, closed: Iterator[list[_Fix]]) -> None:
+        for fixes in closed:
+            places = [fix.place for fix in fixes if fix.place is not None and not fix.bad]
+            self.times += bool(places)
+            self.numbers[len(places)] += len(places) > 1
+            if len(places) > 1 and len(places) == len(self.before):
+                self.all_m += sum(_apart_m(*pair) for pair in pairwise([self.before[-1], *places]))
+                self.each_m += sum(map(_apart_m, self.before, places)) / len(places)
+            self.before = places
+
+    def receivers(self) -> int:
+        self.count(self.epochs.closed(all=True))
+        ((number, _),) = self.numbers.most_common(1) or [(1, 0)]
+        several = self.numbers.total()
+        if several < max(_LEAST_TOGETHER, _TOGETHER * self.times) or number > _MOST_RECEIVERS:
+            return 1
+        return number if self.all_m > _TO_AND_FRO * self.each_m else 1
+
+
+@dataclass(slots=True)
+class _Receiver:
+    """The way of a receiver so far."""
+
+    before: LatLon | None = None
+    last: LatLon | None = None
+
+    def move(self, place: LatLon) -> None:
+        self.before, self.last = self.last, place
+
+    def off_m(self, place: LatLon) -> float:
+        """Return how far a position is from where the receiver goes at its velocity."""
+        if self.last is None:
+            return _APART_M
+        before = self.before or self.last
+        ahead = LatLon(2.0 * self.last.lat - before.lat, 2.0 * self.last.lon - before.lon)
+        return _apart_m(ahead, place)
+
+
+def _apart_m(a: LatLon, b: LatLon) -> float:
+    """Return the distance of two positions, roughly."""
+    east = math.remainder(a.lon - b.lon, 360.0) * math.cos(math.radians(a.lat))
+    return 111_320.0 * math.hypot(a.lat - b.lat, east)
+
+
+def _whose(places: list[LatLon], receivers: list[_Receiver]) -> tuple[int, ...]:
+    """Return the index of the receiver of each position, at most one for each.
+
+    Usually they come in the same order each time.
+    """
+    costs = {
+        order: sum(receivers[index].off_m(place) for index, place in zip(order, places, strict=True))
+        for order in permutations(range(len(receivers)), len(places))
+    }
+    best, usual = min(costs, key=costs.__getitem__), tuple(range(len(receivers)))
+    return usual if usual in costs and costs[usual] <= 2.0 * costs[best] else best
 
 
 def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
@@ -263,11 +389,16 @@ def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
         if survey.first is None:
             findings.note("no sentence has a date: times count from 1970-01-01")
         name = sentence.talker if survey.talkers else ""
-        log = logs.setdefault(name, _Log(name, survey, _Calendar(survey.first)))
+        if name not in logs:
+            logs[name] = _Log(name, survey)
+            number = len(logs[name].receivers)
+            note = f"{number} receivers have positions at the same times: each is a track of its own"
+            findings.note(note if number > 1 else "")
+        log = logs[name]
         log.add(sentence, where, findings=findings)
         yield from log.pieces(CHUNK)
     for log in logs.values():
-        log.finish(where, findings=findings)
+        log.finish(where, findings=findings, all=True)
         yield from log.pieces(1)
 
 
@@ -278,6 +409,7 @@ class _Survey:
     first: datetime | None  # The first date, which also serves for the fixes before it
     checked: bool  # Whether its sentences have checksums
     talkers: tuple[str, ...]  # Of two or more receivers; empty for one
+    receivers: Mapping[str, int]  # Their number by talker; those of all talkers under ""
 
 
 def _survey(file: BinaryIO) -> _Survey:
@@ -286,11 +418,15 @@ def _survey(file: BinaryIO) -> _Survey:
     file.seek(0)
     moments: list[datetime] = []
     turns = _Turns()
+    crowds: dict[str, _Crowd] = {}
     for _, sentence in _sentences(file, checked=checked, findings=Findings()):
         if (moment := sentence.moment) is not None and (not moments or moments[0].year < _FIRST_YEAR):
             moments = [moment] if not moments or moment.year >= _FIRST_YEAR else moments
         turns.add(sentence)
-    return _Survey(moments[0] if moments else None, checked, turns.talkers())
+        for talker in ("", sentence.talker):
+            crowds.setdefault(talker, _Crowd()).add(sentence)
+    receivers = {talker: crowd.receivers() for talker, crowd in crowds.items()}
+    return _Survey(moments[0] if moments else None, checked, turns.talkers(), receivers)
 
 
 @dataclass(slots=True)
@@ -334,53 +470,65 @@ class _Calendar:
         return self.near.timestamp()
 
 
-@dataclass(slots=True)
 class _Log:
-    """The fixes of a receiver."""
+    """The fixes of the receivers with one talker."""
 
-    name: str
-    survey: _Survey
-    calendar: _Calendar
-    rows: list[tuple[float, ...]] = field(default_factory=list)
-    fix: _Fix | None = None
-    has_no_date: bool = False  # Whether the receiver does not know the date yet, unlike later
+    def __init__(self, name: str, survey: _Survey) -> None:
+        self.name, self.first = name, survey.first
+        self.calendar = _Calendar(survey.first)
+        self.receivers = [_Receiver() for _ in range(survey.receivers[name])]
+        self.rows: list[list[tuple[float, ...]]] = [[] for _ in self.receivers]
+        self.epochs = _Epochs(depth=min(len(self.receivers), 2))
+        self.has_no_date = False  # Whether the receiver does not know the date yet, unlike later
 
     def add(self, sentence: _Sentence, where: str, *, findings: Findings) -> None:
         if sentence.clock is None:
             findings.skip("sentences without a time", where=where)
             return
-        if self.fix is not None and self.fix.clock != sentence.clock:
+        if sentence.clock not in self.epochs.open:
+            self.epochs.open[sentence.clock] = []
             self.finish(where, findings=findings)
-        moment, first = sentence.moment, self.survey.first
-        if moment is not None and first is not None:
-            self.has_no_date = moment.year < _FIRST_YEAR <= first.year
+        moment = sentence.moment
+        if moment is not None and self.first is not None:
+            self.has_no_date = moment.year < _FIRST_YEAR <= self.first.year
             self.calendar.near = self.calendar.near if self.has_no_date else moment
         if sentence.kind != "ZDA":
-            self.fix = self.fix or _Fix(sentence.clock)
-            self.fix.take(sentence)
+            self.epochs.add(sentence)
 
-    def finish(self, where: str, *, findings: Findings) -> None:
-        """Add the current fix, if any, to the rows."""
-        fix, self.fix = self.fix, None
-        if fix is None:
-            return
+    def finish(self, where: str, *, findings: Findings, all: bool = False) -> None:
+        """Add the fixes of the times that are complete to the rows."""
+        for fixes in self.epochs.closed(all=all):
+            good = [fix for fix in self.one_each(fixes, where, findings=findings) if fix.place is not None]
+            places = [fix.place for fix in good if fix.place is not None]
+            for fix, place, index in zip(good, places, _whose(places, self.receivers), strict=True):
+                self.receivers[index].move(place)
+                when = self.calendar.unix_time(fix.clock)
+                row = (when, *place, fix.height_m, fix.heading_deg, fix.var_e, fix.var_n)
+                self.rows[index].append(row)
+
+    def one_each(self, fixes: list[_Fix], where: str, *, findings: Findings) -> Iterator[_Fix]:
+        """Yield the usable fixes of one time, at most one for each receiver."""
         if self.has_no_date:
-            findings.skip("fixes from before the receiver knew the date", where=where)
+            findings.skip("fixes from before the receiver knew the date", where=where, count=len(fixes))
             return
-        when = self.calendar.unix_time(fix.clock)
-        if fix.bad:
-            findings.skip(fix.bad, where=where)
-        elif math.isnan(fix.lat):
-            findings.skip("times without a position", where=where)
-        else:
-            place = (fix.lat, fix.lon, fix.height_m)
-            self.rows.append((when, *place, fix.heading_deg, fix.var_e, fix.var_n))
+        placed = sum(fix.place is not None for fix in fixes)
+        findings.skip(_SAME_TIME, where=where, count=max(placed - len(self.receivers), 0))
+        if len(self.receivers) == 1 and fixes:
+            one = _Fix(fixes[0].clock)
+            for fix in fixes:
+                one.take(fix)
+            fixes = [one]
+        for fix in [fix for fix in fixes if fix.bad or fix.place is None]:
+            findings.skip(fix.bad or "times without a position", where=where)
+        yield from [fix for fix in fixes if not fix.bad and fix.place is not None][: len(self.receivers)]
 
     def pieces(self, least: int) -> Iterator[WorldPiece]:
-        """Yield the rows, if there are at least so many."""
-        if len(self.rows) >= least:
-            rows, self.rows = self.rows, []
-            yield _piece(self.name, rows)
+        """Yield the rows of the receivers that have at least so many."""
+        for index, rows in enumerate(self.rows):
+            if len(rows) >= least:
+                self.rows[index] = []
+                several = f"receiver {index + 1}" if len(self.receivers) > 1 else ""
+                yield _piece(f"{self.name} {several}".strip(), rows)
 
 
 def _waypoint(sentence: _Sentence) -> Sighting:
@@ -407,7 +555,7 @@ FORMAT = TrackFormat(
     numbered="waypoint",
     about=FormatAbout(
         tracks="RMC, GGA, GNS, GLL, with ZDA for the date and GST for the accuracy; one for each of several "
-        "receivers",
+        "receivers, which talkers or positions at the same times distinguish",
         objects="WPL",
         left_out="other sentences, those cut off, fixes marked as invalid, estimated or simulated",
         written_by="GPS receivers, chart plotters",

@@ -14,6 +14,7 @@ import math
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +27,7 @@ from webapp.missions.core.trajectory.planned import is_planned
 from webapp.missions.core.trajectory.records import make_poses
 from webapp.missions.core.trajectory.robotframe import LocalPoses
 from webapp.missions.files.readers.bag_limits import limited_reader1, limited_reader2
+from webapp.missions.files.readers.bag_stamps import Stamp, TopicClock, clock_of
 from webapp.missions.files.track_chunks import (
     CHUNK,
     Findings,
@@ -60,6 +62,9 @@ _SHAPES = (
 _WORLDS = ("map", "odom")
 _BODIES = ("base_link", "base_footprint")
 _NO_FIX = -1
+_SAMPLED = 500
+"""Number of messages by which time stamps are compared with the recording."""
+
 _ADD = 0
 
 PLANNED = "messages with planned poses, which were not driven (name the topic to import them)"
@@ -91,14 +96,14 @@ def _fix(message: Any, at_s: float) -> list[_RosPose]:
         return []
     known = message.position_covariance_type != 0
     covariance = _covariance(message.position_covariance, side=3) if known else _UNKNOWN
-    place = (message.latitude, message.longitude, message.altitude)
-    return [_RosPose((_time(message, at_s), *map(float, place), _NAN, *covariance), message.header.frame_id)]
+    place = map(float, (message.latitude, message.longitude, message.altitude))
+    return [_stamped(message, (*place, _NAN, *covariance), at_s)]
 
 
 def _odometry(message: Any, at_s: float) -> list[_RosPose]:
     covariance = _covariance(message.pose.covariance, side=6)
-    values = (_time(message, at_s), *_place(message.pose.pose), *covariance)
-    return [_RosPose(values, message.header.frame_id, message.child_frame_id)]
+    values = (*_place(message.pose.pose), *covariance)
+    return [_stamped(message, values, at_s, body=message.child_frame_id)]
 
 
 def _pose(message: Any, at_s: float) -> list[_RosPose]:
@@ -106,23 +111,18 @@ def _pose(message: Any, at_s: float) -> list[_RosPose]:
 
 
 def _pose_stamped(message: Any, at_s: float) -> list[_RosPose]:
-    time_s = _time(message, _NAN)
-    stamped = not math.isnan(time_s)
-    values = (time_s if stamped else at_s, *_place(message.pose), *_UNKNOWN)
-    return [_RosPose(values, message.header.frame_id, stamped=stamped)]
+    return [_stamped(message, (*_place(message.pose), *_UNKNOWN), at_s)]
 
 
 def _pose_with_covariance(message: Any, at_s: float) -> list[_RosPose]:
     covariance = _covariance(message.pose.covariance, side=6)
-    return [
-        _RosPose((_time(message, at_s), *_place(message.pose.pose), *covariance), message.header.frame_id)
-    ]
+    return [_stamped(message, (*_place(message.pose.pose), *covariance), at_s)]
 
 
 def _path(message: Any, at_s: float) -> list[_RosPose]:
     rows = [row for pose in message.poses for row in _pose_stamped(pose, at_s)]
     frame = message.header.frame_id
-    return [_RosPose(row.values, row.frame or frame, stamped=row.stamped) for row in rows]
+    return [replace(row, frame=row.frame or frame) for row in rows]
 
 
 def _transforms(message: Any, at_s: float) -> list[_RosPose]:
@@ -132,7 +132,7 @@ def _transforms(message: Any, at_s: float) -> list[_RosPose]:
         frame, body = one.header.frame_id, one.child_frame_id
         if frame.rpartition("/")[2] in _WORLDS and body.rpartition("/")[2] in _BODIES:
             place = _point(one.transform.translation, one.transform.rotation)
-            rows.append(_RosPose((_time(one, at_s), *place, *_UNKNOWN), frame, body))
+            rows.append(_stamped(one, (*place, *_UNKNOWN), at_s, body=body))
     return rows
 
 
@@ -193,8 +193,18 @@ _PLANS = {
 }
 """The types that also planners send."""
 
+_POSE = "geometry_msgs/msg/Pose"
+"""The type without a header."""
+
 _PATH = "nav_msgs/msg/Path"
 """The type whose messages repeat the poses of earlier ones."""
+
+
+def _stamped(message: Any, values: tuple[float, ...], at_s: float, *, body: str = "") -> _RosPose:
+    """Make a pose from all of its values except the time, which is in the header of its message."""
+    time_s = _time(message, _NAN)
+    stamped = not math.isnan(time_s)
+    return _RosPose((time_s if stamped else at_s, *values), message.header.frame_id, body, stamped)
 
 
 def _time(message: Any, otherwise_s: float) -> float:
@@ -272,15 +282,16 @@ def read(path: Path, *, suffix: str, wanted: Collection[str] = (), findings: Fin
     with _opened(path, suffix) as bag:
         chosen = _chosen(bag.connections, wanted, findings=findings)
         several = _several(bag, chosen)
+        clocks = _clocks(bag, chosen, findings=findings)
         logs: dict[str, _Log] = {}
         for topic, kind, at_ns, message in _messages(bag, chosen):
             at_s = at_ns * 1e-9
             if kind in _OBJECTS:
                 for log in logs.values():  # first the poses from which the objects were seen
                     yield from log.pieces()
-                yield from _objects(message, kind, at_s, topic=topic, findings=findings)
+                yield from _objects(message, kind, at_s, clock=clocks[topic], findings=findings)
                 continue
-            log = logs.setdefault(topic, _Log(topic, kind, topic in several))
+            log = logs.setdefault(topic, _Log(topic, kind, clocks[topic], topic in several))
             yield from log.add(message, at_s, findings=findings)
         for log in logs.values():
             yield from log.pieces()
@@ -296,6 +307,7 @@ class _Log:
 
     topic: str
     kind: str
+    clock: TopicClock
     several: bool = False  # Whether the topic has several pairs of frames for sure
     pairs: dict[Pair, list[_RosPose]] = field(default_factory=dict)
     last_s: float = -math.inf
@@ -304,6 +316,8 @@ class _Log:
     def add(self, message: Any, at_s: float, *, findings: Findings) -> Iterator[Piece]:
         with _reading():
             rows = _POSES[self.kind](message, at_s)
+        if self.kind != _POSE:
+            rows = [self.timed(row, at_s, findings=findings) for row in rows]
         if self.kind == _PATH:
             rows = self.fresh(rows)
         elif not rows and self.kind == _WORLD:
@@ -319,6 +333,13 @@ class _Log:
             buffer.append(row)
             if len(buffer) == CHUNK:
                 yield self.piece(pair)
+
+    def timed(self, row: _RosPose, at_s: float, *, findings: Findings) -> _RosPose:
+        """Replace the time of the header if it cannot be right."""
+        stamp_s = row.values[0] if row.stamped else None
+        frames = (row.frame, row.body)
+        time_s = self.clock.time(stamp_s, at_s, frames=frames, findings=findings)
+        return row if time_s == stamp_s else replace(row, values=(time_s, *row.values[1:]), stamped=False)
 
     def fresh(self, rows: list[_RosPose]) -> list[_RosPose]:
         """Leave out poses that earlier paths had: found by their times, or without times by their number."""
@@ -358,9 +379,32 @@ def _several(bag: AnyReader, chosen: list[Connection]) -> set[str]:
     return {topic for topic, found in pairs.items() if len(found) > 1}
 
 
-def _objects(message: Any, kind: str, at_s: float, *, topic: str, findings: Findings) -> Iterator[Piece]:
+def _clocks(bag: AnyReader, chosen: list[Connection], *, findings: Findings) -> dict[str, TopicClock]:
+    """Look at the first time stamps of each topic."""
+    stamps: dict[str, dict[Pair, list[Stamp]]] = {connection.topic: {} for connection in chosen}
+    headed = [connection for connection in chosen if connection.msgtype != _POSE]
+    for topic, kind, at_ns, message in islice(_messages(bag, headed), _SAMPLED) if headed else ():
+        at_s = at_ns * 1e-9
+        with _reading():
+            if kind in _OBJECTS:
+                times = {one.frame: one.sighting.time_s for one in _OBJECTS[kind](message, at_s)}
+                found = {(frame, ""): time_s for frame, time_s in times.items() if time_s != at_s}
+            else:
+                rows = [row for row in _POSES[kind](message, at_s) if row.stamped]
+                found = {(row.frame, row.body): row.values[0] for row in rows}
+        for frames, time_s in found.items():
+            stamps[topic].setdefault(frames, []).append((time_s, at_s))
+    return {
+        topic: clock_of(topic, list(series.values()), findings=findings) for topic, series in stamps.items()
+    }
+
+
+def _objects(
+    message: Any, kind: str, at_s: float, *, clock: TopicClock, findings: Findings
+) -> Iterator[Piece]:
+    topic = clock.topic
     with _reading():
-        seen = list(_OBJECTS[kind](message, at_s))
+        seen = [_timed(one, at_s, clock=clock, findings=findings) for one in _OBJECTS[kind](message, at_s)]
     by_frame: dict[str, list[LocalSighting]] = {}
     for one in seen:
         if not all(map(math.isfinite, (one.sighting.time_s, *one.sighting.xyz_m))):
@@ -369,6 +413,15 @@ def _objects(message: Any, kind: str, at_s: float, *, topic: str, findings: Find
             by_frame.setdefault(one.frame, []).append(one.sighting)
     for frame, sightings in by_frame.items():
         yield RobotObjects(frame, tuple(sightings))
+
+
+def _timed(one: _DetectedObject, at_s: float, *, clock: TopicClock, findings: Findings) -> _DetectedObject:
+    """Replace the time of the header if it cannot be right."""
+    stamp_s = one.sighting.time_s
+    if stamp_s == at_s or not math.isfinite(stamp_s):
+        return one
+    time_s = clock.time(stamp_s, at_s, frames=(one.frame, ""), findings=findings)
+    return replace(one, sighting=replace(one.sighting, time_s=time_s))
 
 
 def _chosen(

@@ -18,7 +18,7 @@ LAST_S = 253_402_300_800.0
 _EPOCH_S = 315_964_800.0
 """1980-01-06, when weeks began to be counted."""
 
-_WEEK_S = 604_800.0
+WEEK_S = 604_800.0
 _LEAPS = (
     (362_793_600.0, 1), (394_329_600.0, 2), (425_865_600.0, 3), (489_024_000.0, 4), (567_993_600.0, 5),
     (631_152_000.0, 6), (662_688_000.0, 7), (709_948_800.0, 8), (741_484_800.0, 9), (773_020_800.0, 10),
@@ -56,4 +56,4 @@ def utc_from_gps(seconds: float) -> float:
 
 def utc_from_week(week: float, seconds: float) -> float:
     """Convert a week of GPS and the seconds in it to seconds since 1970, UTC."""
-    return utc_from_gps(_EPOCH_S + week * _WEEK_S + seconds)
+    return utc_from_gps(_EPOCH_S + week * WEEK_S + seconds)

@@ -1,1 +1,0 @@
-"""Commands for a whole library: back up, restore, and move it to another database or storage."""

@@ -1,1 +1,0 @@
-"""Positions over time, and photos matched with them by their times."""
