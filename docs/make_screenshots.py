@@ -52,6 +52,7 @@ AREAS = "park-areas"
 PAGES = {
     "maps": ("/", ("",)),
     "edit": ("/maps/sample/edit", ("", "-phone")),
+    "view": ("/maps/sample/view?photo=20", ("", "-phone")),
     "image": ("/maps/sample/image", ("",)),
     "place-rest": ("/maps/sample/edit", ("",)),
     "next-photos": ("/maps/sample/edit", ("",)),

@@ -23,7 +23,7 @@ from webapp.sample.scene.render import render
 from webapp.sample.scene.stage import set_stage
 from webapp.sample.scene.world import build_world
 from webapp.settings import PhotoLimits
-from webapp.tasks.maps.join_panoramas import JoinOptions, join_panoramas
+from webapp.tasks.maps.panoramas import JoinOptions, join_panoramas
 
 SEED = 7
 """Of the sample's park."""

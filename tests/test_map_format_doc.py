@@ -44,6 +44,7 @@ FULL = Map(
     (Placement("clusters", {0: MapPixel(1.5, 1.5)}),),
     next_id=1,
     title="A",
+    description="The park.",
     unplaced=(UnplacedPhoto(2, "b.jpg", gps=LatLon(50.1, 14.4)),),
     control_points=(GroundControlPoint("gate", MapPixel(2.5, 7.0), (PhotoClick(0, 0.4, 0.6),), 0.05, 212.4),),
     notes=(MapNote(1, "Bench", MapPixel(2.5, 7.0), "Since May.", (0,)),),

@@ -14,7 +14,7 @@ const FIELD = "/field";
 const AWAY = "/offline";
 
 const MAP = "/api/v1/maps/[^/]+";
-const KEPT_PAGES = /^\/($|field$|offline$|missions$|maps\/[^/]+\/(edit|localize)$)/;
+const KEPT_PAGES = /^\/($|field$|offline$|missions$|maps\/[^/]+\/(view|edit|localize)$)/;
 const KEPT_STATE = new RegExp(`^/api/v1/maps$|^${MAP}(/photos|/photo-plan)?$`);
 const PICTURES = [
   { cache: "ground", most: 2000, path: new RegExp(`^${MAP}/(satellite|satellite/tiles/.+|thumbnail|floors/\\d+/image)$`), versioned: true },

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from webapp.cli import panoramas
-from webapp.tasks.maps.cut_panoramas import CutOptions, CutPhoto
+from webapp.tasks.maps.panoramas import CutOptions, CutPhoto
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from webapp.cli import panoramas
-from webapp.tasks.maps.join_panoramas import JoinedPanorama, JoinOptions
+from webapp.tasks.maps.panoramas import JoinedPanorama, JoinOptions
 
 
 @pytest.fixture

@@ -1053,6 +1053,8 @@ export interface components {
         MapState: {
             binned?: boolean;
             can_edit?: boolean;
+            /** @description What the map is, for visitors. */
+            description?: string | null;
             /** @description The lowest first; none: the map has one image alone. */
             floors?: components["schemas"]["FloorOut"][];
             /** @description As in `map.json`, with `metres_per_pixel` and a `latlon_grid` for pages. */
@@ -2107,6 +2109,7 @@ export interface components {
             answer?: {
                 [key: string]: unknown;
             } | null;
+            description?: string | null;
             /** @description The lowest first. */
             floors?: components["schemas"]["FloorOut"][];
             georeference?: {

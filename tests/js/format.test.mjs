@@ -4,8 +4,8 @@ import { test } from "node:test";
 import "./page.mjs";
 
 const { duration, t, tn } = await import("../../static/js/shared/i18n.js");
-const { isLoopback, leftText, metresText, sizeText, percentText } = await import("../../static/js/shared/format.js");
-const { headingText, lengthText, numberText, probabilityColours } = await import("../../static/js/shared/answer/answer-format.js");
+const { headingText, isLoopback, leftText, lengthText, metresText, numberText, sizeText, percentText } = await import("../../static/js/shared/format.js");
+const { probabilityColours } = await import("../../static/js/shared/answer/answer-format.js");
 const missions = await import("../../static/js/missions/format.js");
 
 test("known texts are translated, others stay, and values are filled in", () => {

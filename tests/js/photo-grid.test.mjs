@@ -4,7 +4,7 @@ import { test } from "node:test";
 import "./page.mjs";
 
 globalThis.ResizeObserver = class {};
-const { gridLayout, inSight } = await import("../../static/js/editor/photos/virtual-grid.js");
+const { gridLayout, inSight } = await import("../../static/js/shared/virtual-grid.js");
 const { PhotoOrder } = await import("../../static/js/editor/photos/photo-order.js");
 const { headingsAlong } = await import("../../static/js/editor/photos/heading-dialog.js");
 const { MapStore } = await import("../../static/js/shared/map/map-store.js");

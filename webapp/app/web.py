@@ -44,6 +44,7 @@ from webapp.web.maps import (
     api_plan,
     api_print,
     api_street,
+    view,
 )
 from webapp.web.maps import pages as maps_pages
 from webapp.web.operate import doctor, jobs, metrics, models
@@ -99,6 +100,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_street.blueprint,
     manual.blueprint,
     maps_pages.blueprint,
+    view.blueprint,
     jobs.health_pages,
     metrics.blueprint,
     jobs.jobs_api,

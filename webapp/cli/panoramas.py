@@ -12,10 +12,9 @@ from webapp.cli.exitcodes import SOME_FAILED
 from webapp.cli.progressbar import terminal_progress
 from webapp.configuration import load_settings
 from webapp.files.photos.rig import read_rig
-from webapp.tasks.maps.cut_panoramas import CutOptions, CutPhoto
-from webapp.tasks.maps.cut_panoramas import cut_panoramas as cut
-from webapp.tasks.maps.join_panoramas import JoinedPanorama, JoinOptions
-from webapp.tasks.maps.join_panoramas import join_panoramas as join
+from webapp.tasks.maps.panoramas import CutOptions, CutPhoto, JoinedPanorama, JoinOptions
+from webapp.tasks.maps.panoramas import cut_panoramas as cut
+from webapp.tasks.maps.panoramas import join_panoramas as join
 
 _FOLDER = click.Path(file_okay=False, path_type=Path)
 _ELEVATION = click.FloatRange(0.0, 90.0)

@@ -21,6 +21,7 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
     "Maps": (
         "make-a-map",
         "first-map",
+        "view",
         "dozen-clicks",
         "floors",
         "photos",

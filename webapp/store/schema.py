@@ -154,6 +154,8 @@ class MapRecord(Base):
     id: Mapped[int] = mapped_column(primary_key=True)
     slug: Mapped[str] = mapped_column(unique=True)
     name: Mapped[str]
+    description: Mapped[str | None]
+    """A sentence for visitors on what the map is; None if there is none."""
     created_at: Mapped[datetime] = mapped_column(default=now)
     changed_at: Mapped[datetime] = mapped_column(default=now)
     binned_at: Mapped[datetime | None]

@@ -18,6 +18,7 @@ from webapp.web.satellite.layers import offered_layers
 _OFFLINE = (
     "maps/index.html",
     "maps/editor.html",
+    "maps/view.html",
     "localize/localize.html",
     "localize/field.html",
     "missions/index.html",

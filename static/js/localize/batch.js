@@ -1,10 +1,10 @@
 /** Localizes many photos separately: a table of the answers, and all of them on the map. */
 
 import { answerBadge } from "../shared/answer/answer-badge.js";
-import { lengthText, probabilityColours } from "../shared/answer/answer-format.js";
+import { probabilityColours } from "../shared/answer/answer-format.js";
 import { isOffMap } from "../shared/answer/query-session.js";
 import { byId, h, icon } from "../shared/dom.js";
-import { percentText } from "../shared/format.js";
+import { lengthText, percentText } from "../shared/format.js";
 import { labelled, t } from "../shared/i18n.js";
 import { latLngOf } from "../shared/map/coords.js";
 import { BASE_FLOOR } from "../shared/map/map-store.js";

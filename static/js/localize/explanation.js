@@ -1,7 +1,7 @@
 /** Details behind the answer: matches, distances, times, and the field of view, which can be entered here. */
 
-import { numberText } from "../shared/answer/answer-format.js";
 import { byId, h } from "../shared/dom.js";
+import { numberText } from "../shared/format.js";
 import { t } from "../shared/i18n.js";
 import { term } from "../shared/term.js";
 

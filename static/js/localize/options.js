@@ -1,7 +1,7 @@
 /** The form of the options menu: method, features and prior knowledge about the photo. */
 
-import { lengthText } from "../shared/answer/answer-format.js";
 import { byId } from "../shared/dom.js";
+import { lengthText } from "../shared/format.js";
 import { t } from "../shared/i18n.js";
 
 const USUAL = { method: "auto", features: "auto", fov: "", heading_deg: "" };

@@ -1,10 +1,10 @@
 /** The selected place: coordinates to copy, and buttons to add the photo to the map. */
 
-import { lengthText, numberText } from "../shared/answer/answer-format.js";
 import { placeName } from "../shared/answer/answer-list.js";
 import { copy } from "../shared/clipboard.js";
 import { busy } from "../shared/dialogs.js";
 import { byId, h, icon } from "../shared/dom.js";
+import { lengthText, numberText } from "../shared/format.js";
 import { t } from "../shared/i18n.js";
 import { term } from "../shared/term.js";
 import { debounce } from "../shared/timing.js";

@@ -2,6 +2,7 @@
 
 import { duration, locale, t } from "./i18n.js";
 
+const WINDS = 8;
 const clock = new Intl.DateTimeFormat(locale, { dateStyle: "medium", timeStyle: "medium" });
 
 /** A time as the camera's clock showed it, without conversion of the time zone. @param {string} iso */
@@ -41,6 +42,24 @@ export function metresText(value) {
 export function isLoopback(address) {
   const { hostname } = new URL(address);
   return hostname === "[::1]" || /^(127(\.\d+){3}|(.*\.)?localhost)$/.test(hostname);
+}
+
+/** A number rounded to the given digits. */
+export function numberText(value, digits = 0) {
+  return value.toLocaleString(locale, { maximumFractionDigits: digits });
+}
+
+/** A length: in metres if the map has a scale, else in pixels. */
+export function lengthText(metres, pixels) {
+  if (metres === null || metres === undefined) return t("{n} px", { n: numberText(pixels, pixels < 10 ? 1 : 0) });
+  return t("{n} m", { n: numberText(metres, metres < 10 ? 1 : 0) });
+}
+
+/** A heading with the name of its direction. @param {number} degrees clockwise from north */
+export function headingText(degrees) {
+  const names = [t("north"), t("north-east"), t("east"), t("south-east"), t("south"), t("south-west"), t("west"), t("north-west")];
+  const turned = ((degrees % 360) + 360) % 360;
+  return t("{n}° ({wind})", { n: Math.round(turned) % 360, wind: names[Math.round((turned / 360) * WINDS) % WINDS] });
 }
 
 /** A probability in percent; "< 1 %" and "> 99 %" near the ends. */

@@ -49,6 +49,17 @@ async function decoded(src) {
   return picture.decode().then(() => picture, () => null);
 }
 
+/**
+ * What the view shows of a photo: the original, unless parts are blurred or a share leaves it out; null for a flat photo.
+ * @param {{name: string, panorama: ?Object, preview: ?string, blurred?: Object[], original?: ?string}} photo
+ * @param {?number} heading
+ */
+export function insideOf({ name, panorama, preview, blurred, original }, heading) {
+  if (!panorama || !preview) return null;
+  const sharp = blurred ? (blurred.length ? null : preview.replace(/preview[^/]*$/, "original")) : original;
+  return { name, src: preview, sharp, heading };
+}
+
 /** The view; fires `look` when it is turned or zoomed. */
 export class PanoramaView extends EventTarget {
   /** @param {HTMLImageElement} image the flat picture, in a positioned frame */

@@ -17,7 +17,7 @@ from webapp.tasks.localize.open_pipeline import open_pipeline
 from webapp.tasks.localize.plan import OpenOptions
 from webapp.tasks.localize.query_photo import PanoramaView, read_query
 from webapp.tasks.localize.spot import ALL, Hints, combine
-from webapp.tasks.maps.cut_panoramas import CutOptions, cut_panoramas
+from webapp.tasks.maps.panoramas import CutOptions, cut_panoramas
 
 WIDE, HIGH = 960, 480
 PLACES = 3

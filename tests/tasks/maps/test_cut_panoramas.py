@@ -14,7 +14,7 @@ from webapp.files.photos.exif_write import CameraTags, exif_bytes
 from webapp.files.photos.photo import read_facts
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
-from webapp.tasks.maps.cut_panoramas import CutOptions, cut_panoramas
+from webapp.tasks.maps.panoramas import CutOptions, cut_panoramas
 
 LIMITS = PhotoLimits()
 XMP = b"""<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF><rdf:Description

@@ -17,7 +17,7 @@ from webapp.files.photos.photo import read_facts, read_upright
 from webapp.files.photos.rig import MountedCamera
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
-from webapp.tasks.maps.join_panoramas import JoinOptions, join_panoramas
+from webapp.tasks.maps.panoramas import JoinOptions, join_panoramas
 
 LIMITS = PhotoLimits()
 CAMERAS = [MountedCamera(f"cam{n}/*.jpg", *mounted, FOV_DEG) for n, mounted in enumerate(SIX)]

@@ -86,6 +86,7 @@ class MapPhoto:
     panorama: Panorama | None = fact(
         FixedForm.SPHERE,
         description="Of a panorama: `heading_deg` is where its middle looks, `fov_deg` is 360.",
+        visitors="always",
         edited=Edited("panorama", "It shows the whole sphere, and is twice as wide as high; null: not."),
     )
     note: str | None = fact(
@@ -160,6 +161,10 @@ class MapLists:
     """By id; empty if the map has only one image."""
 
 
+DESCRIPTION = TextForm(most=300)
+"""Form of a map's description."""
+
+
 @dataclass(frozen=True, slots=True)
 class Map(MapLists):
     """A satellite image and its experiences; immutable."""
@@ -175,6 +180,8 @@ class Map(MapLists):
     revision: int = 0
     """Number of edits."""
     title: str | None = None
+    description: str | None = None
+    """A sentence on what it is, for visitors."""
     unplaced: tuple[UnplacedPhoto, ...] = ()
     """Photos in the tray, by id."""
 

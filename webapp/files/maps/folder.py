@@ -110,6 +110,7 @@ def read_map(cfg_path: Path) -> Map:
         next_id=max([base.next_id, extras.next_id, *(photo.id + 1 for photo in unplaced)]),
         revision=extras.revision,
         title=extras.title,
+        description=extras.description,
         unplaced=unplaced,
         **{name: getattr(extras, name) for name in LISTS},
     )

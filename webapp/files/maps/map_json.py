@@ -11,7 +11,16 @@ from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.core.mapmodel.checks import MAX_NUMBER
-from webapp.core.mapmodel.model import FACTS, Experience, Map, MapLists, MapPhoto, Placement, UnplacedPhoto
+from webapp.core.mapmodel.model import (
+    DESCRIPTION,
+    FACTS,
+    Experience,
+    Map,
+    MapLists,
+    MapPhoto,
+    Placement,
+    UnplacedPhoto,
+)
 from webapp.errors import GeoreferenceError, MapError, MapJsonError
 from webapp.files.json_fields import JsonField, by_id, finite, parse_json
 from webapp.files.maps.facts import fact_fields, parse_facts
@@ -44,6 +53,7 @@ class MapJson(MapLists):
     """Of each further placement by name, its sub-pixel positions by id."""
     experiences: Mapping[int, MapJsonPhoto] = field(default_factory=dict)
     title: str | None = None
+    description: str | None = None
     unplaced: Mapping[int, UnplacedPhoto] = field(default_factory=dict)
 
 
@@ -78,6 +88,7 @@ def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
         placements=placements,
         experiences=experiences,
         title=None if top["title"].missing else top["title"].text(),
+        description=_description(top["description"]),
         unplaced=by_id(top["unplaced"], parse=_unplaced),
         **lists,
     )
@@ -97,7 +108,7 @@ def format_map_json(map_: Map, *, by_gps_anywhere: Collection[int] = ()) -> byte
     content: dict[str, object] = {
         "format": FORMAT,
         "version": VERSION,
-        **({} if map_.title is None else {"title": map_.title}),
+        **{name: text for name in ("title", "description") if (text := getattr(map_, name)) is not None},
         "revision": map_.revision,
         "next_id": map_.next_id,
         "georeference": georeference_fields(map_.georeference),
@@ -110,6 +121,15 @@ def format_map_json(map_: Map, *, by_gps_anywhere: Collection[int] = ()) -> byte
     data = f"{text}\n".encode("utf-8", "surrogatepass")
     parse_map_json(data)
     return data
+
+
+def _description(field: JsonField) -> str | None:
+    if field.missing:
+        return None
+    text = field.text()
+    if problem := DESCRIPTION.problem(text):
+        raise field.error(problem)
+    return text or None
 
 
 def parse_georeference(value: object, *, where: str = "georeference") -> Georeference | None:

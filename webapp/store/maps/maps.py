@@ -13,6 +13,7 @@ from sqlalchemy.orm import Session
 from sqlalchemy.orm.util import identity_key
 
 from webapp.core import texts
+from webapp.core.mapmodel.model import DESCRIPTION
 from webapp.errors import NotAllowed, NotFound, UsageError
 from webapp.store.clock import now
 from webapp.store.list_parts import ListCursor, ListPart, last_changed_first
@@ -68,6 +69,23 @@ def rename(record: MapRecord, name: str) -> None:
         UsageError: The name is empty or too long.
     """
     record.name = checked_name(name)
+    record.revision += 1
+    record.changed_at = now()
+
+
+def describe(record: MapRecord, text: str) -> None:
+    """Write what a map is, for visitors; an empty text removes it. A new revision, as by `rename`.
+
+    Raises:
+        UsageError: The text is too long, or not printable.
+    """
+    tidy = " ".join(text.split())
+    if DESCRIPTION.problem(tidy):
+        raise UsageError(
+            "this is not a valid description of a map",
+            hint=f"give one line of at most {DESCRIPTION.most} printable characters",
+        )
+    record.description = tidy or None
     record.revision += 1
     record.changed_at = now()
 

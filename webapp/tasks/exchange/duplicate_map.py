@@ -27,6 +27,7 @@ from webapp.tasks.maps import adopt_map
 from webapp.tasks.maps.library_map import floors
 
 _RECORD_FIELDS = (
+    "description",
     "next_id",
     "satellite_path",
     "satellite_width",

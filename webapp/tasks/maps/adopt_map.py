@@ -97,7 +97,7 @@ def adopt_map(
     with library.database.write() as session:
         if session.scalars(select(MapRecord.id).where(MapRecord.slug == slug)).first() is not None:
             raise Conflict(f"the library already has a map {slug}", where=slug)
-        record = MapRecord(slug=slug, name=maps.checked_name(title))
+        record = MapRecord(slug=slug, name=maps.checked_name(title), description=contents.map.description)
         session.add(record)
         session.flush()
         session.add(Member(map_id=record.id, account_id=account_id, role="owner"))

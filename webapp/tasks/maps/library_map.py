@@ -51,6 +51,7 @@ def as_map(session: Session, record: MapRecord) -> Map | None:
         next_id=record.next_id,
         revision=record.revision,
         title=record.name,
+        description=record.description,
         unplaced=tuple(_unplaced(p) for p in photos if p.x_px is None),
         **{name: _listed(record, name) for name in LISTS},
     )

@@ -17,7 +17,7 @@ from webapp.net.street import StreetPhoto
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.maps.add_photo import ServiceMetadata
-from webapp.tasks.maps.cut_panoramas import PanoramaPose, cut_panorama, view_turns
+from webapp.tasks.maps.panoramas import PanoramaPose, cut_panorama, view_turns
 from webapp.tasks.street.survey import (
     CUT,
     PlacedStreetPhoto,

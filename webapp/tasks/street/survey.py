@@ -20,7 +20,7 @@ from webapp.net.polite import PoliteClient
 from webapp.net.street import StreetPhoto, StreetService, list_photos
 from webapp.progress import Progress
 from webapp.settings import StreetSettings
-from webapp.tasks.maps.cut_panoramas import CutOptions, view_turns
+from webapp.tasks.maps.panoramas import CutOptions, view_turns
 from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.street.targets import StreetTarget
 

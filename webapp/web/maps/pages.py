@@ -133,14 +133,16 @@ def settings(slug: str) -> str:
 
 @blueprint.post("/maps/<slug>/settings/name")
 def rename(slug: str) -> Response | tuple[str, int]:
-    """Rename the map; its URL stays the same."""
+    """Change name and description of the map; its URL stays the same."""
     record = open_map(slug, "owner")
     try:
         with library().database.write() as db:
-            maps.rename(db.get_one(MapRecord, record.id), text("name"))
+            row = db.get_one(MapRecord, record.id)
+            maps.rename(row, text("name"))
+            maps.describe(row, text("description"))
     except ExpMapError as error:
         return _settings_page(record, error=error), errors.status_of(error)
-    flash(_("The map has been renamed."), "success")
+    flash(_("Saved."), "success")
     return back("map_pages.settings", slug=slug)
 
 

@@ -281,6 +281,7 @@ class MapState(_Changed):
 
     slug = String()
     name = String()
+    description = String(allow_none=True, metadata={"description": "What the map is, for visitors."})
     role = String(metadata={"enum": list(_ROLES), "description": "Of the caller."})
     can_edit = Boolean()
     binned = Boolean()

@@ -82,6 +82,7 @@ def _about(session: Session, record: MapRecord, *, account: Account) -> dict[str
     return {
         "slug": record.slug,
         "name": record.name,
+        "description": record.description,
         "role": role,
         "can_edit": role in ("owner", "editor"),
         "binned": record.binned_at is not None,

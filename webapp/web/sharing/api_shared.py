@@ -62,6 +62,7 @@ class SharedOut(Schema):
     """A shared map, or a shared answer on its map."""
 
     name = String()
+    description = String(allow_none=True)
     revision = Integer()
     allows = Nested(AllowsOut)
     satellite = Dict(allow_none=True)

@@ -8,11 +8,13 @@ from webapp.errors import NotFound
 from webapp.store import sharing
 from webapp.store.sharing import OpenedShare
 from webapp.tasks.localize.index_location import has_landmarks
+from webapp.tasks.maps.walk import walk_of
 from webapp.web import errors
 from webapp.web.accounts.security import allow_framing
 from webapp.web.context import library, public
 from webapp.web.localize.answers import answer_colours
 from webapp.web.maps.state import written_facts
+from webapp.web.maps.view import walk_json
 from webapp.web.pages import page
 from webapp.web.satellite.layers import offered_layers
 from webapp.web.sharing import shared_state
@@ -38,8 +40,15 @@ def index() -> str:
 @blueprint.get("/s/<token>")
 @public
 def show(token: str) -> _Page:
-    """Show a shared map or answer."""
+    """Show a shared map, or a shared answer; `?photo=ID` begins with a photo of the map."""
     return _page(token, framed=False)
+
+
+@blueprint.get("/s/<token>/map")
+@public
+def show_map(token: str) -> _Page:
+    """Show the image of a shared map with its dots, and localize photos if the share allows it."""
+    return _page(token, framed=False, walks=False)
 
 
 @blueprint.get("/embed/<token>")
@@ -60,20 +69,28 @@ def show_landmarks(token: str) -> _Page:
     except NotFound as error:
         return _gone(error, framed=False)
     state = shared_state.landmarks_page(opened, token=token)
-    return render_template("sharing/shared_landmarks.html", page=state), 200, _headers(opened)
+    page = render_template(
+        "sharing/shared_landmarks.html", page=state, can_walk=opened.share.photos, in_3d=True
+    )
+    return page, 200, _headers(opened)
 
 
-def _page(token: str, *, framed: bool) -> _Page:
+def _page(token: str, *, framed: bool, walks: bool = True) -> _Page:
+    """Make the page of a share; with `walks`, that to walk through if the share includes photos of the map."""
     try:
         with library().database.read() as session:
             opened = sharing.open_share(session, token)
             state = shared_state.of_page(session, opened, token=token)
+            can_walk = opened.share.photos and opened.query is None and bool(state["photos"])
+            walk = walk_json(walk_of(session, opened.map)) if can_walk and walks else None
     except NotFound as error:
         return _gone(error, framed=framed)
     page = render_template(
-        "sharing/shared_map.html",
+        "sharing/shared_view.html" if walk else "sharing/shared_map.html",
         opened=opened,
         state=state,
+        walk=walk,
+        can_walk=can_walk,
         written=written_facts(),
         services=offered_layers(to_visitors=True) if state["georeference"] else (),
         in_3d=opened.share.landmarks and has_landmarks(library().cfg(opened.map.slug)),

@@ -78,6 +78,7 @@ def _about(session: Session, opened: OpenedShare, token: str) -> dict[str, Any]:
     earth = found["georeference"]
     return {
         "name": record.name,
+        "description": record.description,
         "revision": record.revision,
         "allows": {name: getattr(share, name) for name in SharePermissions.__slots__},
         "satellite": found["satellite"],
@@ -187,6 +188,7 @@ def _photo(opened: OpenedShare, photo: Photo, token: str, *, file: bool) -> dict
         "x_px": photo.x_px,
         "y_px": photo.y_px,
         "floor": photo.floor,
+        "camera": photo.camera if opened.share.originals else None,
         "width": photo.width,
         "height": photo.height,
         **{

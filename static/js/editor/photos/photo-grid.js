@@ -5,7 +5,7 @@ import { accuracyText, clockText, offText } from "../../shared/format.js";
 import { labelled, t, tn } from "../../shared/i18n.js";
 import { rafThrottle } from "../../shared/timing.js";
 import { PHOTOS_TYPE } from "./drop-photos.js";
-import { VirtualGrid } from "./virtual-grid.js";
+import { VirtualGrid } from "../../shared/virtual-grid.js";
 
 /** The grid, and the filter for placed or unplaced photos. */
 export class PhotoGrid {

@@ -4,16 +4,9 @@ import { h, icon } from "../../shared/dom.js";
 import { clockText } from "../../shared/format.js";
 import { t } from "../../shared/i18n.js";
 import { creditLine } from "../../shared/photo-credit.js";
-import { PanoramaView } from "../../shared/panorama-view.js";
+import { insideOf, PanoramaView } from "../../shared/panorama-view.js";
 import { PhotoZoom } from "../../shared/photo-zoom.js";
 import { ProgressiveImage } from "../../shared/progressive-image.js";
-
-/** What a panorama view shows: the original, unless parts are blurred; null for other photos. */
-function insideOf(photo, heading) {
-  if (!photo.panorama) return null;
-  const sharp = photo.blurred.length ? null : photo.preview.replace(/preview[^/]*$/, "original");
-  return { name: photo.name, src: photo.preview, sharp, heading };
-}
 
 /** Open the viewer. @param {import("../commands.js").Commands} commands */
 export function openViewer(commands) {

@@ -1,9 +1,9 @@
 /** The answer as a list: each place with its probability, and "not on this map" as a separate entry. */
 
 import { byId, h, icon, queryAll } from "../dom.js";
-import { percentText } from "../format.js";
+import { headingText, lengthText, percentText } from "../format.js";
 import { t, tn } from "../i18n.js";
-import { headingText, lengthText, probabilityColours } from "./answer-format.js";
+import { probabilityColours } from "./answer-format.js";
 import { isOffMap, ranking } from "./query-session.js";
 import { isFaint, isMinor, verdictText } from "./verdict.js";
 

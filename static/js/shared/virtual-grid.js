@@ -1,7 +1,7 @@
 /** A grid of thousands of equal tiles, with elements only for those in or near the view. */
 
-import { h } from "../../shared/dom.js";
-import { rafThrottle } from "../../shared/timing.js";
+import { h } from "./dom.js";
+import { rafThrottle } from "./timing.js";
 
 const EDGE = 8;
 const GAP = 6;

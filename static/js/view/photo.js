@@ -1,0 +1,91 @@
+/** The current photo, large, flat or from inside; what is known of it; and the next ones, loaded ahead. */
+
+import { byId, h, icon } from "../shared/dom.js";
+import { clockText } from "../shared/format.js";
+import { t } from "../shared/i18n.js";
+import { noteDialog } from "../shared/map/note-layer.js";
+import { insideOf, PanoramaView } from "../shared/panorama-view.js";
+import { factElements, photoFacts } from "../shared/photo-facts.js";
+import { PhotoZoom } from "../shared/photo-zoom.js";
+import { ProgressiveImage } from "../shared/progressive-image.js";
+
+/** Pictures kept decoded in memory, those used last at the end. */
+const KEPT = 24;
+const SWIPE_PX = 60;
+
+/** Follows the store. */
+export class PhotoFrame {
+  /** @param {import("./walk.js").Walk} walk @param {function(1|-1): void} step */
+  constructor(walk, step) {
+    this.walk = walk;
+    this.store = walk.store;
+    this.frame = byId("photo-frame");
+    this.image = byId("photo-image", HTMLImageElement);
+    this.picture = new ProgressiveImage(this.frame, this.image);
+    this.zoom = new PhotoZoom(this.frame, this.image);
+    this.around = new PanoramaView(this.image);
+    /** @type {Map<string, HTMLImageElement>} by address */
+    this.ahead = new Map();
+    this.around.addEventListener("look", () => this._look());
+    this.store.on("current photos", () => this._show());
+    this._swipe(step);
+    this._show();
+  }
+
+  _show() {
+    const photo = this.store.current;
+    if (!photo) return;
+    const name = nameOf(photo);
+    if (this.picture.show({ ...photo, name })) this.zoom.reset();
+    this.around.show(insideOf({ ...photo, name }, this.store.heading(photo.id)));
+    if (this.store.look?.id !== photo.id) this._look();
+    byId("photo-name").textContent = name;
+    byId("photo-when").textContent = photo.taken_at ? clockText(photo.taken_at) : "";
+    byId("photo-facts").replaceChildren(...factElements(photoFacts(this.store, photo)));
+    this._notes(photo);
+    this._loadAhead(photo);
+  }
+
+  _look() {
+    const { around, store } = this;
+    store.setLook(store.current?.panorama ? { id: store.currentId, turn: around.turn, fov: around.fov } : null);
+  }
+
+  /** The note of the photo, and those of spots that it shows. */
+  _notes(photo) {
+    const spots = this.store.notes.filter(({ photos }) => photos.includes(photo.id));
+    const open = (note) => h("button", { class: "button button--quiet", type: "button", onclick: () => noteDialog(this.store, note) }, icon("note"), note.title);
+    byId("photo-notes").replaceChildren(...(photo.note ? [h("p", { class: "note-text" }, photo.note)] : []), ...spots.map(open));
+    byId("photo-notes").hidden = !photo.note && !spots.length;
+  }
+
+  /** Load the photos that may be next: of the way and of the steps. */
+  _loadAhead(photo) {
+    const next = [this.walk.after(1), this.walk.after(-1), ...this.walk.steps(photo.id).map(({ id }) => id), this.walk.after(2)];
+    for (const id of [photo.id, ...next]) {
+      const address = id === null ? null : this.store.photos.get(id)?.preview;
+      if (!address) continue;
+      const known = this.ahead.get(address) ?? Object.assign(new Image(), { src: address });
+      this.ahead.delete(address);
+      this.ahead.set(address, known);
+    }
+    for (const address of [...this.ahead.keys()].slice(0, -KEPT)) this.ahead.delete(address);
+  }
+
+  /** A swipe with one finger goes to the next photo, unless the photo is enlarged. */
+  _swipe(step) {
+    let start = null;
+    this.frame.addEventListener("pointerdown", (event) => (start = event.pointerType === "touch" && event.isPrimary && this.zoom.scale === 1 ? [event.clientX, event.clientY] : null));
+    this.frame.addEventListener("pointerup", (event) => {
+      if (!start || this.zoom.scale > 1) return;
+      const [dx, dy] = [event.clientX - start[0], event.clientY - start[1]];
+      start = null;
+      if (Math.abs(dx) > SWIPE_PX && Math.abs(dx) > 2 * Math.abs(dy)) step(dx < 0 ? 1 : -1);
+    });
+  }
+}
+
+/** The name of a photo, or a number where a share leaves it out. */
+export function nameOf({ id, name }) {
+  return name || t("Photo {id}", { id });
+}

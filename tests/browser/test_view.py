@@ -1,0 +1,87 @@
+"""A map is walked through: by keys, along arrows, from a link, and by visitors of a share."""
+
+import re
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.browser import axe
+from tests.browser.polling import until
+
+PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+LOADED = "document.getElementById('photo-image').naturalWidth > 0"
+
+
+@pytest.fixture
+def view(page, sample_map):
+    """The page of the sample map."""
+    page.goto(f"/maps/{sample_map}/view")
+    until(page, LOADED)
+    return page
+
+
+def photo_in(page):
+    """Return the photo in the address; None if there is none."""
+    found = re.search(r"[?&]photo=(\d+)", page.url)
+    return found and int(found[1])
+
+
+def place(page):
+    """Return the place of the current photo on the way."""
+    return int(page.get_by_test_id("place-in-order").inner_text().split()[0])
+
+
+def test_keys_walk_along_the_way_and_the_address_follows(view):
+    assert place(view) == 1
+    view.keyboard.press("ArrowRight")
+    assert place(view) == 2
+    second = photo_in(view)
+    view.keyboard.press("End")
+    assert photo_in(view) != second
+    expect(view.get_by_role("button", name="Next photo")).to_be_disabled()
+    view.keyboard.press("Home")
+    assert place(view) == 1
+    expect(view.get_by_test_id("strip").get_by_role("option", selected=True)).to_have_count(1)
+
+
+def test_an_arrow_leads_to_its_photo_and_back_returns(view):
+    view.keyboard.press("ArrowRight")
+    before = photo_in(view)
+    arrow = view.get_by_test_id("steps").get_by_role("button").first
+    to = int(arrow.get_attribute("data-id"))
+    arrow.click()
+    assert photo_in(view) == to
+    view.go_back()
+    expect(view).to_have_url(re.compile(f"photo={before}$"))
+    assert place(view) == 2
+
+
+def test_a_link_opens_its_photo(page, sample_map, api):
+    wanted = api.state(sample_map)["photos"][5]
+    page.goto(f"/maps/{sample_map}/view?photo={wanted['id']}")
+    expect(page.locator("#photo-name")).to_have_text(wanted["name"])
+
+
+def test_the_photo_fills_the_screen_by_a_key(view):
+    view.keyboard.press("f")
+    expect(view.get_by_role("button", name="Full screen")).to_have_attribute("aria-pressed", "true")
+    view.keyboard.press("ArrowRight")
+    assert place(view) == 2
+    view.keyboard.press("f")
+    expect(view.get_by_role("button", name="Full screen")).to_have_attribute("aria-pressed", "false")
+
+
+def test_a_dot_of_the_map_and_a_photo_of_the_strip_lead_to_theirs(view):
+    view.get_by_test_id("strip").get_by_role("option").nth(3).click()
+    assert place(view) == 4
+    assert axe.findings(view) == []
+
+
+def test_it_fits_a_phone_with_the_photo_first(open_context, owner, sample_map):
+    phone = open_context(storage_state=owner, **PHONE).new_page()
+    phone.goto(f"/maps/{sample_map}/view")
+    until(phone, LOADED)
+    assert phone.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+    photo, canvas = (phone.locator(one).bounding_box() for one in ("#photo-frame", "#map-canvas"))
+    assert photo["y"] + photo["height"] <= canvas["y"]
+    assert axe.findings(phone) == []

@@ -1,0 +1,103 @@
+"""The page on which one walks through a map: for its members, and as the first page of visitors."""
+
+import io
+import json
+import re
+import zipfile
+
+import pytest
+from sqlalchemy import update
+
+from tests.web.sharing.stripes import BOX, blur, contrast, fetched, stripes
+from webapp.store.schema import Photo
+
+
+def data_of(page, name):
+    """Return the JSON that a page has for its scripts."""
+    found = re.search(rf'<script type="application/json" id="{name}">(.*?)</script>', page, re.S)
+    return json.loads(found[1])
+
+
+@pytest.fixture
+def walked(client, full):
+    """A map with four photos along a line, of which the last is in the tray; the second looks east."""
+    for n in range(1, 4):
+        file = (io.BytesIO(stripes() + bytes([n])), f"{n}.jpg")
+        assert client.post(f"/api/v1/maps/{full}/photos", data={"file": [file]}).json[0]["id"] == n
+    changes = [{"id": n, "x_px": 50.0 + 20 * n, "y_px": 60.0, "heading_deg": 90.0} for n in (1, 2)]
+    assert client.patch(f"/api/v1/maps/{full}/experiences", json={"changes": changes}).status_code == 200
+    return full
+
+
+@pytest.fixture
+def share(client, walked):
+    """Share the map and return the end of its address."""
+
+    def make(**allows):
+        made = client.post(f"/api/v1/maps/{walked}/shares", json=allows)
+        assert made.status_code == 201
+        return made.json["url"].rsplit("/", 1)[1]
+
+    return make
+
+
+def test_the_walk_has_the_placed_photos_and_their_directions(client, walked):
+    walk = data_of(client.get(f"/maps/{walked}/view").text, "walk")
+    assert sorted(walk["by_place"]) == [0, 1, 2]
+    steps = {id: bearing for id, bearing, _ in walk["steps"]["1"]}
+    assert steps[2] == pytest.approx(90, abs=1)
+    assert steps[0] == pytest.approx(270, abs=1)
+
+
+def test_a_map_without_placed_photos_leads_to_the_editor(client, park):
+    page = client.get(f"/maps/{park}/view").text
+    assert f"/maps/{park}/edit" in page
+    assert 'id="photo-frame"' not in page
+
+
+def test_visitors_begin_with_it_if_the_share_has_pictures(stranger, share):
+    token = share(photos=True)
+    assert sorted(data_of(stranger.get(f"/s/{token}").text, "walk")["by_place"]) == [0, 1, 2]
+    assert 'id="photo-frame"' not in stranger.get(f"/s/{token}/map").text
+    assert 'id="photo-frame"' not in stranger.get(f"/s/{share()}").text
+
+
+def test_it_leads_visitors_to_localize_only_where_they_may(stranger, share):
+    assert "find-mine" not in stranger.get(f"/s/{share(photos=True)}").text
+    assert "find-mine" in stranger.get(f"/s/{share(photos=True, localize=True)}").text
+
+
+def test_what_is_blurred_stays_blurred_for_visitors(client, stranger, share, walked):
+    blur(client, walked, BOX)
+    state = data_of(stranger.get(f"/s/{share(photos=True, originals=True)}").text, "state")
+    photo = next(photo for photo in state["photos"] if photo["id"] == 0)
+    assert photo["original"] is None
+    for kind in ("preview", "thumb"):
+        assert contrast(fetched(stranger, photo[kind])) < 20
+
+
+@pytest.mark.parametrize(("originals", "seen"), [(False, None), (True, "Leica M3")])
+def test_visitors_see_cameras_only_with_originals(stranger, share, library, originals, seen):
+    with library.database.write() as session:
+        session.execute(update(Photo).values(camera="Leica M3"))
+    state = data_of(stranger.get(f"/s/{share(photos=True, originals=originals)}").text, "state")
+    assert {photo["camera"] for photo in state["photos"]} == {seen}
+
+
+def test_the_owner_says_what_the_map_is(client, stranger, share, walked):
+    said = {"name": "Park", "description": " The park \n in May.  "}
+    assert client.post(f"/maps/{walked}/settings/name", data=said).status_code == 303
+    assert "The park in May." in client.get(f"/maps/{walked}/view").text
+    assert "The park in May." in stranger.get(f"/s/{share(photos=True)}").text
+    assert client.get(f"/api/v1/maps/{walked}").json["description"] == "The park in May."
+    with zipfile.ZipFile(io.BytesIO(client.get(f"/api/v1/maps/{walked}/export.zip").data)) as exported:
+        (name,) = (one for one in exported.namelist() if one.endswith("map.json"))
+        assert json.loads(exported.read(name))["description"] == "The park in May."
+    client.post(f"/maps/{walked}/settings/name", data={"name": "Park"})
+    assert client.get(f"/api/v1/maps/{walked}").json["description"] is None
+
+
+def test_a_description_that_is_too_long_is_refused(client, walked):
+    said = {"name": "Park", "description": "x" * 301}
+    assert client.post(f"/maps/{walked}/settings/name", data=said).status_code == 400
+    assert client.get(f"/api/v1/maps/{walked}").json["description"] is None

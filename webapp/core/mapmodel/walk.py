@@ -1,0 +1,186 @@
+"""The way through the photos of a map: their order, and from each the photos that one can step to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+NEIGHBOURS = 20
+"""Nearest photos among which the next one of a tour, and the steps of a photo, are looked for."""
+STEPS = 6
+"""Maximum number of steps from a photo."""
+APART_DEG = 40.0
+"""Minimum angle between two steps."""
+_FAR = 4.0
+"""A step is at most so many times as long as usual, or as the shortest one there."""
+_SAME_SPOT = 0.15
+"""Photos closer than this part of the usual distance are on the same spot; a step between them is a turn."""
+_LEAST_TURN_DEG = 20.0
+"""Photos on the same spot that look in more similar directions show the same."""
+_KD_TREE = {"algorithm": 4}
+"""The exact search of FLANN for few dimensions."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """A placed photo."""
+
+    id: int
+    # `east`, `north`: On the ground, metres; map pixels without a georeference.
+    east: float
+    north: float
+    floor: int = 0
+    level: float = 0.0  # Of its floor: orders the floors
+    heading_deg: float | None = None  # Clockwise from north
+    taken_at: str | None = None  # ISO 8601
+    name: str = ""
+    all_around: bool = False  # A panorama
+
+
+class Step(NamedTuple):
+    """A photo that one can step to from another."""
+
+    id: int
+    bearing_deg: float  # Clockwise from north; of a photo on the same spot, its heading
+    distance: float  # In the unit of the positions; 0 on the same spot
+
+
+@dataclass(frozen=True, slots=True)
+class Walk:
+    """Orders of all photos of a map, and the steps between them, by id."""
+
+    by_time: tuple[int, ...]  # Empty if no photo has a time
+    by_place: tuple[int, ...]
+    steps: Mapping[int, tuple[Step, ...]]
+
+
+def plan_walk(stops: Sequence[Stop]) -> Walk:
+    """Order photos by time and by place, and find the steps from each.
+
+    By time: those with a time, then a tour of the others. By place: a tour of each floor, the lowest first.
+    """
+    timed = sorted((s for s in stops if s.taken_at), key=lambda s: (s.taken_at, s.name, s.id))
+    untimed = [s for s in stops if not s.taken_at]
+    by_time = [*timed, *_tour_of_floors(untimed, after=timed[-1])] if timed else []
+    return Walk(
+        tuple(s.id for s in by_time),
+        tuple(s.id for s in _tour_of_floors(stops)),
+        {id: steps for floor in _floors(stops) for id, steps in _steps(floor)},
+    )
+
+
+def _floors(stops: Iterable[Stop]) -> list[list[Stop]]:
+    """Group photos by floor, the lowest first, in the order of their names."""
+    ordered = sorted(stops, key=lambda s: (s.level, s.floor, s.name, s.id))
+    return [list(group) for _, group in groupby(ordered, key=lambda s: (s.level, s.floor))]
+
+
+def _tour_of_floors(stops: Iterable[Stop], *, after: Stop | None = None) -> list[Stop]:
+    tour: list[Stop] = []
+    for floor in _floors(stops):
+        ground = _ground(floor)
+        last = tour[-1] if tour else after
+        # A tour begins at an end of the place, or near where one comes from.
+        away = np.hypot(*(ground - (ground.mean(0) if last is None else (last.east, last.north))).T)
+        start = int(away.argmax() if last is None else away.argmin())
+        tour += [floor[n] for n in _tour(ground, start)]
+    return tour
+
+
+def _tour(ground: NDArray[np.float64], start: int) -> list[int]:
+    """Go to the nearest photo that was not visited yet, again and again."""
+    near, _ = _nearest(ground)
+    left = np.ones(len(ground), bool)
+    tour = [start]
+    left[start] = False
+    for _ in range(len(ground) - 1):
+        at = tour[-1]
+        free = near[at][left[near[at]]]
+        if free.size:
+            following = int(free[0])
+        else:
+            rest = np.flatnonzero(left)
+            following = int(rest[np.hypot(*(ground[rest] - ground[at]).T).argmin()])
+        left[following] = False
+        tour.append(following)
+    return tour
+
+
+def _steps(stops: Sequence[Stop]) -> Iterable[tuple[int, tuple[Step, ...]]]:
+    """Find the steps of the photos of one floor."""
+    ground = _ground(stops)
+    near, away = _nearest(ground)
+    usual = _usual_distance(away)
+    offsets = ground[near] - ground[:, None]
+    bearings = np.degrees(np.arctan2(offsets[..., 0], offsets[..., 1])) % 360.0
+    for n, stop in enumerate(stops):
+        beyond = away[n][away[n] > _SAME_SPOT * usual]
+        most = _FAR * max(usual, beyond.min(initial=np.inf) if beyond.size else 0.0)
+        options = []
+        for other, bearing, distance in zip(near[n], bearings[n].tolist(), away[n].tolist(), strict=True):
+            if other != n and distance <= most:
+                options += _option(stop, stops[other], bearing=bearing, distance=distance, usual=usual)
+        yield stop.id, _spread(options)
+
+
+def _option(
+    stop: Stop, other: Stop, *, bearing: float, distance: float, usual: float
+) -> list[tuple[float, Step]]:
+    """Return the step to another photo and its cost, lower if that looks in a similar direction; or nothing."""
+    turn = _turn(stop, other)
+    if distance > _SAME_SPOT * usual:
+        return [
+            (distance * (1.0 + (45.0 if turn is None else turn) / 90.0), Step(other.id, bearing, distance))
+        ]
+    if turn is None or turn < _LEAST_TURN_DEG or other.heading_deg is None or other.all_around:
+        return []
+    return [(_SAME_SPOT * usual * (1.0 + turn / 90.0), Step(other.id, other.heading_deg, 0.0))]
+
+
+def _turn(stop: Stop, other: Stop) -> float | None:
+    """Return the angle between two viewing directions, degrees; None if one is unknown."""
+    if other.all_around:
+        return 0.0
+    if stop.heading_deg is None or other.heading_deg is None:
+        return None
+    return _between(stop.heading_deg, other.heading_deg)
+
+
+def _spread(options: list[tuple[float, Step]]) -> tuple[Step, ...]:
+    """Choose the steps of lowest cost in directions that are apart."""
+    chosen: list[Step] = []
+    for _, step in sorted(options, key=lambda one: (one[0], one[1].id)):
+        if all(_between(step.bearing_deg, other.bearing_deg) >= APART_DEG for other in chosen):
+            chosen.append(step)
+        if len(chosen) == STEPS:
+            break
+    return tuple(chosen)
+
+
+def _between(a_deg: float, b_deg: float) -> float:
+    return abs((a_deg - b_deg + 180.0) % 360.0 - 180.0)
+
+
+def _usual_distance(away: NDArray[np.float64]) -> float:
+    """Return the median distance from a spot to the nearest other one; 0 if there is only one."""
+    apart = np.where(away > 1e-6 * away.max(initial=0.0), away, np.inf).min(axis=1, initial=np.inf)
+    return float(np.median(apart[np.isfinite(apart)])) if np.isfinite(apart).any() else 0.0
+
+
+def _ground(stops: Sequence[Stop]) -> NDArray[np.float64]:
+    return np.array([(s.east, s.north) for s in stops], np.float64).reshape(-1, 2)
+
+
+def _nearest(ground: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """Find the nearest photos of each, itself included, and their distances."""
+    centred = (ground - ground.mean(0)).astype(np.float32)
+    count = min(NEIGHBOURS + 1, len(ground))
+    near, _ = cv2.flann.Index(centred, _KD_TREE).knnSearch(centred, count, params={"checks": -1})
+    away = np.hypot(*np.moveaxis(ground[near] - ground[:, None], -1, 0))
+    return near, away

@@ -1,0 +1,50 @@
+"""The page on which one walks through the photos of a map."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from flask import Blueprint, render_template
+from flask_babel import lazy_gettext as _l
+
+from webapp.core.mapmodel.walk import Walk
+from webapp.tasks.maps.walk import walk_of
+from webapp.web.context import account, reading_map
+from webapp.web.maps import state as map_state
+from webapp.web.pages import Tab, page
+from webapp.web.satellite.layers import offered_layers
+
+blueprint = Blueprint("view_pages", __name__)
+
+
+@blueprint.get("/maps/<slug>/view")
+@page(chapter="view", tab=Tab(_l("View"), "eye", order=0))
+def show(slug: str) -> str:
+    """Show the photos of a map along their way; `?photo=ID` begins with one of them."""
+    with reading_map(slug) as (session, record):
+        state = map_state.of_page(session, record, account=account()) | {"can_edit": False}
+        walk = walk_json(walk_of(session, record))
+    return render_template(
+        "maps/view.html",
+        map=record,
+        state=state,
+        walk=walk,
+        written=map_state.written_facts(),
+        services=offered_layers(),
+    )
+
+
+def walk_json(walk: Walk) -> dict[str, Any]:
+    """Return a walk for pages.
+
+    Returns:
+        `by_time`, `by_place`: ids; `steps`: by id, lists of id, bearing, and 1 for a turn on the spot, else 0.
+    """
+    return {
+        "by_time": walk.by_time,
+        "by_place": walk.by_place,
+        "steps": {
+            id: [[step.id, round(step.bearing_deg, 1), int(not step.distance)] for step in steps]
+            for id, steps in walk.steps.items()
+        },
+    }
