@@ -79,3 +79,18 @@ def test_markers_are_on_their_place_of_the_image(source, opened):
         x = (box["x"] + box["width"] / 2 - at["x"]) / at["width"] * 400
         y = (box["y"] + box["height"] / 2 - at["y"]) / at["height"] * 200
         assert (x, y) == pytest.approx(e.position, abs=2)
+
+
+def test_keys_and_buttons_go_from_photo_to_photo(source, opened):
+    page = opened(page_of(source))
+    shown = page.locator(".photo-popup strong")
+    names = [e.photo.rsplit("/", 1)[-1] for e in source.map.experiences]
+    page.keyboard.press("ArrowRight")
+    page.get_by_text("1 / 3").wait_for()
+    assert shown.inner_text() == names[0]
+    page.get_by_role("button", name="Next photo").click()
+    page.get_by_text("2 / 3").wait_for()
+    assert shown.inner_text() == names[1]
+    page.keyboard.press("ArrowLeft")
+    page.get_by_text("1 / 3").wait_for()
+    assert shown.inner_text() == names[0]

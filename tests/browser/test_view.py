@@ -85,3 +85,66 @@ def test_it_fits_a_phone_with_the_photo_first(open_context, owner, sample_map):
     photo, canvas = (phone.locator(one).bounding_box() for one in ("#photo-frame", "#map-canvas"))
     assert photo["y"] + photo["height"] <= canvas["y"]
     assert axe.findings(phone) == []
+
+
+@pytest.fixture
+def share(api, sample_map):
+    """Share the sample map and return its address."""
+
+    def make(**allows):
+        return api.ask("POST", f"/maps/{sample_map}/shares", data={"photos": True, **allows})["url"]
+
+    return make
+
+
+def test_visitors_walk_too_and_localize_where_they_may(open_context, share):
+    visitor = open_context().new_page()
+    visitor.goto(share(localize=True))
+    until(visitor, LOADED)
+    visitor.keyboard.press("ArrowRight")
+    assert place(visitor) == 2
+    assert axe.findings(visitor) == []
+    visitor.get_by_test_id("find-mine").click()
+    expect(visitor.get_by_test_id("query-input")).to_be_attached()
+    visitor.get_by_role("link", name="View").click()
+    until(visitor, LOADED)
+
+
+def test_a_swipe_goes_to_the_next_photo(open_context, owner, sample_map):
+    phone = open_context(storage_state=owner, **PHONE).new_page()
+    phone.goto(f"/maps/{sample_map}/view")
+    until(phone, LOADED)
+    box = phone.locator("#photo-frame").bounding_box()
+    touch = phone.context.new_cdp_session(phone)
+    middle = box["y"] + box["height"] / 3
+    start, end = ({"x": box["x"] + box["width"] * part, "y": middle} for part in (0.7, 0.3))
+    touch.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [start]})
+    touch.send("Input.dispatchTouchEvent", {"type": "touchMove", "touchPoints": [end]})
+    touch.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    expect(phone.get_by_test_id("place-in-order")).to_contain_text("2")
+
+
+def test_photo_to_photo_is_quick_once_it_is_loaded_ahead(view):
+    view.wait_for_load_state("networkidle")
+    times = view.evaluate(SECONDS_TO_NEXT)
+    assert sorted(times)[len(times) // 2] < 100, times
+
+
+SECONDS_TO_NEXT = """
+async () => {
+  const image = document.getElementById("photo-image");
+  const wanted = () => `/${document.querySelector("#strip [aria-selected=true]").dataset.id}/preview`;
+  const times = [];
+  for (let n = 0; n < 5; n += 1) {
+    const start = performance.now();
+    document.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowRight", bubbles: true }));
+    while (!image.currentSrc.includes(wanted()) || !image.complete) await new Promise(requestAnimationFrame);
+    await image.decode();
+    await new Promise(requestAnimationFrame);
+    times.push(performance.now() - start);
+    await new Promise((resolve) => setTimeout(resolve, 600));
+  }
+  return times;
+}
+"""
+"""Milliseconds from a key to the large picture of the next photo."""

@@ -22,6 +22,7 @@ from webapp.resources import resource_folder
 from webapp.settings import Settings
 from webapp.tasks.exchange.export_source import Download, Source
 from webapp.tasks.exchange.thumbnails import encode_picture, satellite_picture, thumbnail
+from webapp.tasks.maps.walk import walk_of_map
 
 if TYPE_CHECKING:
     import folium  # imported by the functions: slow to import, and rarely needed
@@ -43,7 +44,49 @@ html .leaflet-popup-content { max-width: 480px; font: 14px/1.4 system-ui, sans-s
 html .leaflet-popup-content { overflow-wrap: anywhere; }
 html .leaflet-popup-content img { display: block; max-width: 100%; height: auto; border-radius: 4px; }
 html .leaflet-popup-content p { margin: 2px 0; }
+.way { display: flex; align-items: center; gap: 8px; padding: 4px; border-radius: 8px;
+  background: #fff; color: #1b2321; font: 14px/1.4 system-ui, sans-serif;
+  box-shadow: 0 1px 5px rgb(0 0 0 / 0.5); }
+.way button { min-width: 44px; min-height: 44px; border: 1px solid #7c8781; border-radius: 6px;
+  background: #fff; font: inherit; cursor: pointer; }
 </style>"""
+_WAY = """{% macro script(this, kwargs) %}
+{
+  const map = {{ this._parent.get_name() }}, photos = [];
+  map.eachLayer((layer) => layer.feature && layer.getLatLng && photos.push(layer));
+  let at = -1;
+  const count = Object.assign(document.createElement("span"), { textContent: `${photos.length}` });
+  const go = (by) => {
+    const to = Math.min(Math.max(at + by, 0), photos.length - 1);
+    // The popup belongs to the whole layer, which opens it where a marker is clicked.
+    if (to !== at) photos[to].fire("click", { latlng: photos[to].getLatLng() }, true);
+  };
+  photos.forEach((photo, n) => photo.on("click", () => {
+    at = n;
+    count.textContent = `${n + 1} / ${photos.length}`;
+  }));
+  const button = (sign, label, by) => {
+    const made = document.createElement("button");
+    made.setAttribute("aria-label", label);
+    return Object.assign(made, { type: "button", textContent: sign, onclick: () => go(by) });
+  };
+  const bar = L.control({ position: "bottomleft" });
+  bar.onAdd = () => {
+    const box = Object.assign(document.createElement("div"), { className: "way" });
+    box.append(button("\u2190", "Previous photo", -1), count, button("\u2192", "Next photo", 1));
+    L.DomEvent.disableClickPropagation(box);
+    return box;
+  };
+  bar.addTo(map);
+  map.keyboard.disable();
+  document.addEventListener("keydown", ({ key }) => {
+    if (key === "ArrowRight") go(1);
+    if (key === "ArrowLeft") go(-1);
+  });
+}
+{% endmacro %}"""
+"""Script that opens photo after photo, in the order of their features."""
+
 _CSS_URL = re.compile(r"url\((images/[a-z0-9-]+\.png)\)")
 
 
@@ -89,6 +132,8 @@ def _page(source: Source, *, settings: Settings, progress: Progress) -> str:
     photos = _photos(source, settings, progress, on_earth=on_earth is not None)
     icon = folium.DivIcon(icon_size=_ICON, icon_anchor=_ICON_CENTRE, class_name="photo-marker")
     add_features(page, photos, marker=folium.Marker(icon=icon), popup="photo-popup", name="Photos")
+    if len(photos) > 1:
+        _add_way(page)
     return str(page.get_root().render())
 
 
@@ -110,6 +155,16 @@ def empty_page(crs: str, *, title: str) -> folium.Map:
     figure.title = html.escape(title)
     figure.header.add_child(folium.Element(_CSS))
     return page
+
+
+def _add_way(page: folium.Map) -> None:
+    """Add buttons and keys that open the next and the previous photo."""
+    import folium
+    from jinja2 import Template
+
+    way = folium.MacroElement()  # type: ignore[no-untyped-call]
+    way._template = Template(_WAY)
+    page.add_child(way)
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +230,9 @@ def add_features(
 
 
 def _photos(source: Source, settings: Settings, progress: Progress, *, on_earth: bool) -> list[Feature]:
-    experiences = source.map.experiences
+    walk = walk_of_map(source.map)
+    by_id = {e.id: e for e in source.map.experiences}
+    experiences = [by_id[id] for id in walk.by_time or walk.by_place]
     side = next(side for most, side in _SIDES if len(experiences) <= most)
     progress.size(len(experiences))
     found = []

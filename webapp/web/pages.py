@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 from flask import Flask, current_app, redirect, request, url_for
-from flask_babel import LazyString, format_datetime, format_decimal, format_timedelta
+from flask_babel import LazyString, format_date, format_datetime, format_decimal, format_timedelta
 from werkzeug.wrappers import Response
 
 from webapp.core.texts import significant
@@ -66,6 +66,7 @@ def init_app(app: Flask) -> None:
     app.add_template_filter(language.translate, "translate")
     app.add_template_filter(_ago, "ago")
     app.add_template_filter(_exact, "exact")
+    app.add_template_filter(_day, "day")
     app.add_template_filter(format_decimal, "decimal")
     app.add_template_filter(_significant, "significant")
 
@@ -134,6 +135,14 @@ def _ago(when: datetime) -> str:
 
 def _exact(when: datetime) -> str:
     return str(format_datetime(when, "medium"))
+
+
+def _day(date: str) -> str:
+    """Format a day given as YYYY-MM-DD; another text is returned as it is."""
+    try:
+        return str(format_date(datetime.fromisoformat(date), "full"))
+    except ValueError:
+        return date
 
 
 def text(name: str) -> str:

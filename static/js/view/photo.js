@@ -51,12 +51,13 @@ export class PhotoFrame {
     store.setLook(store.current?.panorama ? { id: store.currentId, turn: around.turn, fov: around.fov } : null);
   }
 
-  /** The note of the photo, and those of spots that it shows. */
+  /** The note of the photo on one line (the facts have all of it), and the notes on spots that mention the photo. */
   _notes(photo) {
     const spots = this.store.notes.filter(({ photos }) => photos.includes(photo.id));
-    const open = (note) => h("button", { class: "button button--quiet", type: "button", onclick: () => noteDialog(this.store, note) }, icon("note"), note.title);
-    byId("photo-notes").replaceChildren(...(photo.note ? [h("p", { class: "note-text" }, photo.note)] : []), ...spots.map(open));
-    byId("photo-notes").hidden = !photo.note && !spots.length;
+    const open = (note) => h("button", { class: "vw-spot", type: "button", onclick: () => noteDialog(this.store, note) }, icon("note"), note.title);
+    byId("photo-note").textContent = photo.note ?? "";
+    byId("photo-note").title = photo.note ?? "";
+    byId("photo-spots").replaceChildren(...spots.map(open));
   }
 
   /** Load the photos that may be next: of the way and of the steps. */

@@ -75,8 +75,9 @@ export class Strip {
     const before = this.store.photos.get(this.walk.ids[this.walk.ids.indexOf(id) - 1]);
     const begins = Boolean(dayOf(photo)) && (!before || dayOf(before) !== dayOf(photo));
     tile.classList.toggle("begins", begins);
-    tile.querySelector("span").textContent = begins ? shortDay.format(new Date(dayOf(photo))) : timeText(photo) || nameOf(photo);
-    tile.setAttribute("aria-label", photo.taken_at ? `${nameOf(photo)}, ${clockText(photo.taken_at)}` : nameOf(photo));
+    const words = begins ? shortDay.format(new Date(dayOf(photo))) : timeText(photo) || nameOf(photo);
+    tile.querySelector("span").textContent = words;
+    tile.setAttribute("aria-label", [...new Set([words, nameOf(photo), photo.taken_at ? clockText(photo.taken_at) : words])].join(", "));
     tile.setAttribute("aria-selected", String(id === this.store.currentId));
   }
 

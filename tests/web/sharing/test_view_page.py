@@ -101,3 +101,23 @@ def test_a_description_that_is_too_long_is_refused(client, walked):
     said = {"name": "Park", "description": "x" * 301}
     assert client.post(f"/maps/{walked}/settings/name", data=said).status_code == 400
     assert client.get(f"/api/v1/maps/{walked}").json["description"] is None
+
+
+def test_the_timeline_lists_the_days_of_all_maps_that_one_may_see(
+    client, sign_in, new_account, walked, library
+):
+    times = {
+        0: "2024-05-01T10:00:00",
+        1: "2024-05-02T10:00:00",
+        2: "2024-05-02T09:00:00",
+        3: "2023-01-01T09:00:00",
+    }
+    with library.database.write() as session:
+        for id, time in times.items():
+            session.execute(update(Photo).where(Photo.id == id).values(taken_at=time))
+    page = client.get("/timeline").text
+    assert re.findall(r'id="day-(.*?)"', page) == ["2024-05-02", "2024-05-01"]
+    assert re.findall(r'<li><a href="(.*?)"', page) == [f"/maps/{walked}/view?photo={id}" for id in (2, 1, 0)]
+    assert re.findall(r'id="day-(.*?)"', client.get("/timeline?before=2024-05-02").text) == ["2024-05-01"]
+    assert client.get("/timeline?before=then").status_code == 400
+    assert "day-" not in sign_in(new_account("Eve")).get("/timeline").text

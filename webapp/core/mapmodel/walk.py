@@ -132,7 +132,7 @@ def _steps(stops: Sequence[Stop]) -> Iterable[tuple[int, tuple[Step, ...]]]:
 def _option(
     stop: Stop, other: Stop, *, bearing: float, distance: float, usual: float
 ) -> list[tuple[float, Step]]:
-    """Return the step to another photo and its cost, lower if that looks in a similar direction; or nothing."""
+    """Return the step to another photo and its cost, lower if that looks the same way; or nothing."""
     turn = _turn(stop, other)
     if distance > _SAME_SPOT * usual:
         return [

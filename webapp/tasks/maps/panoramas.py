@@ -1,4 +1,4 @@
-"""Cuts panoramas into level views, which are ordinary photos; joins photos of several cameras into panoramas."""
+"""Cuts panoramas into level views, which are ordinary photos; joins photos of cameras into panoramas."""
 
 from __future__ import annotations
 

@@ -11,6 +11,7 @@ from sqlalchemy.orm import Session
 
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.local import LocalFrame, centre_of
+from webapp.core.mapmodel.model import Map
 from webapp.core.mapmodel.walk import Stop, Walk, plan_walk
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps.library_map import floors, georeference
@@ -45,13 +46,30 @@ def walk_of(session: Session, record: MapRecord) -> Walk:
     )
 
 
+def walk_of_map(map_: Map) -> Walk:
+    """Plan the walk through the placed photos of a map that was read from files."""
+    levels = {floor.id: floor.level for floor in map_.floors}
+    pixels = np.array([e.position for e in map_.experiences], np.float64).reshape(-1, 2)
+    ground = _on_the_ground(map_.georeference, pixels).tolist()
+    return plan_walk(
+        [
+            Stop(
+                *(e.id, east, north, e.floor, levels.get(e.floor, 0.0), e.heading_deg, e.taken_at),
+                name=e.name or e.photo,
+                all_around=e.panorama is not None,
+            )
+            for e, (east, north) in zip(map_.experiences, ground, strict=True)
+        ]
+    )
+
+
 @lru_cache(_KEPT)
 def _planned(stops: tuple[Stop, ...]) -> Walk:
     return plan_walk(stops)
 
 
 def _on_the_ground(found: Georeference | None, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return east and north of map pixels: metres, or pixels where the georeference is missing or undefined."""
+    """Return east and north of map pixels: metres, or pixels where the georeference is undefined."""
     if found is not None and len(pixels):
         latlon = found.latlon_from_pixel(pixels)
         if np.isfinite(latlon).all():

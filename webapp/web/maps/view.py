@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+import re
+from functools import partial
 from typing import Any
 
-from flask import Blueprint, render_template
+from flask import Blueprint, render_template, request
 from flask_babel import lazy_gettext as _l
 
 from webapp.core.mapmodel.walk import Walk
+from webapp.errors import UsageError
+from webapp.store.maps.timeline import days
 from webapp.tasks.maps.walk import walk_of
-from webapp.web.context import account, reading_map
+from webapp.web.context import account, library, reading_map
 from webapp.web.maps import state as map_state
 from webapp.web.pages import Tab, page
 from webapp.web.satellite.layers import offered_layers
 
 blueprint = Blueprint("view_pages", __name__)
+
+_DAYS = 30
+"""Days per page of the timeline."""
+_PHOTOS = 8
+"""Photos of a map and day in it."""
+_DATE = re.compile(r"\d{4}-\d\d-\d\d")
 
 
 @blueprint.get("/maps/<slug>/view")
@@ -34,11 +44,29 @@ def show(slug: str) -> str:
     )
 
 
+@blueprint.get("/timeline")
+@page(chapter="view#timeline")
+def timeline() -> str:
+    """List the days on which photos of all maps were taken; `?before=DAY` continues with earlier ones."""
+    before = request.args.get("before")
+    if before is not None and not _DATE.fullmatch(before):
+        raise UsageError("this part of the list does not exist", hint="open the list again")
+    with library().database.read() as session:
+        found = days(session, account(), before=before, most=_DAYS + 1, photos=_PHOTOS)
+        shown = found[:_DAYS]
+        return render_template(
+            "view/timeline.html",
+            days=shown,
+            earlier=shown[-1].date if len(found) > _DAYS else None,
+            thumb=partial(map_state.picture_address, kind="thumb"),
+        )
+
+
 def walk_json(walk: Walk) -> dict[str, Any]:
     """Return a walk for pages.
 
     Returns:
-        `by_time`, `by_place`: ids; `steps`: by id, lists of id, bearing, and 1 for a turn on the spot, else 0.
+        `by_time`, `by_place`: ids; `steps`: by id, lists of id, bearing, and 1 for a turn on the spot.
     """
     return {
         "by_time": walk.by_time,

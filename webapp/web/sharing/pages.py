@@ -76,7 +76,7 @@ def show_landmarks(token: str) -> _Page:
 
 
 def _page(token: str, *, framed: bool, walks: bool = True) -> _Page:
-    """Make the page of a share; with `walks`, that to walk through if the share includes photos of the map."""
+    """Make the page of a share; with `walks`, View if the share includes photos of the map."""
     try:
         with library().database.read() as session:
             opened = sharing.open_share(session, token)
