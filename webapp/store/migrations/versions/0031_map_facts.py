@@ -8,7 +8,6 @@ down_revision = "0030"
 
 
 def upgrade() -> None:
-    """Add the columns."""
-    with op.batch_alter_table("map") as table:
-        table.add_column(sa.Column("description", sa.String(), nullable=True))
-        table.add_column(sa.Column("uses_adopted", sa.Boolean(), nullable=False, server_default=sa.true()))
+    """Add the columns; a table that is made anew would use ids again."""
+    op.add_column("map", sa.Column("description", sa.String(), nullable=True))
+    op.add_column("map", sa.Column("uses_adopted", sa.Boolean(), nullable=False, server_default=sa.true()))
