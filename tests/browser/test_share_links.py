@@ -63,7 +63,6 @@ def test_a_secret_link_works_and_stops_working(page, visitor, make_link, sample_
     api.wait_for_jobs(sample_map)
     address = make_link("Visitors can localize")
     visitor.goto(address)
-    visitor.get_by_test_id("find-mine").click()
     expect(visitor.locator("#map-canvas canvas")).to_be_visible()
     visitor.get_by_test_id("find-mine").click()
     photo = sample_folder / "queries" / "query_02.jpg"
