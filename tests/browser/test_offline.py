@@ -180,6 +180,18 @@ def test_pages_that_were_seen_open_without_a_network(phone, noted_map):
     expect(page.get_by_role("dialog")).to_contain_text("Closed at night.")
 
 
+def test_a_map_is_walked_through_without_a_network(phone, sample_map):
+    page = open_field(phone, sample_map)
+    kept(page, sample_map)
+    page.goto(f"/maps/{sample_map}/view")
+    page.wait_for_load_state("networkidle")
+    phone.set_offline(True)
+    page.reload()
+    page.get_by_role("button", name="Next photo").click()
+    expect(page.get_by_test_id("place-in-order")).to_contain_text("2")
+    until(page, "document.getElementById('photo-image').naturalWidth > 0")
+
+
 def test_what_was_kept_is_gone_after_signing_out(open_context, link, sample_map):
     context = open_context(service_workers="allow", **PHONE)
     page = context.new_page()
