@@ -111,7 +111,7 @@ export interface components {
             not_indexed?: number;
             /** @description Why there is less than was asked for, or how the file was read; else missing. */
             note?: string;
-            /** @description That it was not taken on this map; null: not known. */
+            /** @description That it was not taken on this map, or at no place found; null: not known. */
             off_map_probability?: number | null;
             /** @description Of places that were cut from the list. */
             other_probability?: number;
@@ -1006,7 +1006,7 @@ export interface components {
             no_pose?: string;
             /** @description Why there is less than was asked for, or how the file was read; else missing. */
             note?: string;
-            /** @description That it was not taken on this map; null: not known. */
+            /** @description That it was not taken on this map, or at no place found; null: not known. */
             off_map_probability?: number | null;
             /** @description Of places that were cut from the list. */
             other_probability?: number;
@@ -2613,7 +2613,7 @@ export interface components {
             no_pose?: string | null;
             /** @description Why there is less than was asked for, or how the file was read; else missing. */
             note?: string;
-            /** @description That it was not taken on this map; null: not known. */
+            /** @description That it was not taken on this map, or at no place found; null: not known. */
             off_map_probability?: number | null;
             /** @description Of places that were cut from the list. */
             other_probability?: number;

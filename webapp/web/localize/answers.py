@@ -127,7 +127,8 @@ class Located(Schema):
     hypotheses = List(Nested(HypothesisOut), metadata={"description": "The most probable first."})
     other_probability = Float(metadata={"description": "Of places that were cut from the list."})
     off_map_probability = Float(
-        allow_none=True, metadata={"description": "That it was not taken on this map; null: not known."}
+        allow_none=True,
+        metadata={"description": "That it was not taken on this map, or at no place found; null: not known."},
     )
     statistics = Nested(StatisticsOut)
     seconds = Nested(SecondsOut)
