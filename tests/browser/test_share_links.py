@@ -65,6 +65,8 @@ def test_a_secret_link_works_and_stops_working(page, visitor, make_link, sample_
     visitor.goto(address)
     expect(visitor.locator("#map-canvas canvas")).to_be_visible()
     visitor.get_by_test_id("find-mine").click()
+    visitor.wait_for_url("**/map")
+    expect(visitor.locator("#map-canvas canvas")).to_be_visible()
     photo = sample_folder / "queries" / "query_02.jpg"
     visitor.get_by_test_id("query-input").set_input_files(photo)
     expect(visitor.get_by_test_id("hypothesis").first).to_be_visible()
