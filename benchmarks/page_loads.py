@@ -5,7 +5,8 @@
 Starts the program with the sample map and opens its pages in a browser with an empty cache and an emulated
 network. `ready` is DOMContentLoaded, after which all scripts have run; `first dot` is when photos are drawn
 on the image; `loaded` is when the last visible picture has arrived. Photos are counted separately from the
-other files of the page.
+other files of the page. The last lines are the times from a key on the page View to a picture of the next
+photo: on the way, where it was loaded ahead, and far away, where it comes from the network.
 """
 
 from __future__ import annotations
@@ -30,6 +31,26 @@ QUIET_S = 2.0
 """A page without new requests for this time has loaded, not counting those that poll every second."""
 PHOTO_PARTS = ("/thumb", "/preview", "/thumbnail")
 POLLS = ("/changes", "/jobs")
+VIEW = "/maps/sample/view"
+NEXT_PHOTO_MS = """
+async ({ key, count, large }) => {
+  const image = document.getElementById("photo-image");
+  const times = [];
+  for (let n = 0; n < count; n += 1) {
+    const start = performance.now();
+    document.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
+    const { id } = document.querySelector("#strip [aria-selected=true]").dataset;
+    const wanted = large ? `/photos/${id}/preview` : `/photos/${id}/`;
+    while (!image.currentSrc.includes(wanted) || !image.complete) await new Promise(requestAnimationFrame);
+    await image.decode();
+    await new Promise(requestAnimationFrame);
+    times.push(performance.now() - start);
+    await new Promise((resolve) => setTimeout(resolve, 1500));
+  }
+  return times;
+}
+"""
+"""Milliseconds from each press of a key on View until a picture is shown: the `large` one, or any."""
 
 
 def main() -> None:
@@ -44,16 +65,20 @@ def main() -> None:
             share = client.ask("POST", "/maps/sample/shares", json={"photos": True})
             pages = {name: f"{app.url}{path}" for name, path in _PAGES.items()} | {"shared map": share["url"]}
             rows = _measure(client, pages, arguments)
+            steps = _walk(client, f"{app.url}{VIEW}", arguments)
     header = ("page", "requests", "kB", "photos", "photos kB", "ready s", "first dot s", "loaded s")
     print("".join(f"{word:>12}" for word in header))
     for row in rows:
         print("".join(f"{value if value is not None else '-':>12}" for value in row.values()))
+    for name, times in steps.items():
+        print(f"photo to photo, {name}: median {statistics.median(times):.0f} ms, most {max(times):.0f} ms")
     if arguments.json:
-        arguments.json.write_text(json.dumps(rows, indent=1) + "\n")
+        arguments.json.write_text(json.dumps({"pages": rows, "photo to photo": steps}, indent=1) + "\n")
 
 
 _PAGES = {
     "maps": "/",
+    "view": VIEW,
     "editor": "/maps/sample/edit",
     "localize": "/maps/sample/localize",
     "image": "/maps/sample/image",
@@ -101,7 +126,33 @@ def _median(values: list[float | None]) -> float | None:
     return round(statistics.median(known), 2) if known else None
 
 
+def _walk(client: Client, address: str, arguments: argparse.Namespace) -> dict[str, list[float]]:
+    """Measure the steps from photo to photo."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=find_browser(), args=list(BROWSER_OPTIONS))
+        page, _ = _open(browser, address, (client, arguments))
+        ahead = page.evaluate(NEXT_PHOTO_MS, {"key": "ArrowRight", "count": 8, "large": True})
+        far = page.evaluate(NEXT_PHOTO_MS, {"key": "End", "count": 1, "large": False})
+        browser.close()
+    return {"loaded ahead": ahead, "far away": far}
+
+
 def _load(browser: Browser, address: str, who: tuple[Client, argparse.Namespace]) -> dict[str, Any]:
+    page, seen = _open(browser, address, who)
+    timing = page.evaluate(
+        "({ready: performance.getEntriesByType('navigation')[0].domContentLoadedEventEnd,"
+        " firstDot: window.firstDot ?? null, loaded: Math.max(...performance.getEntriesByType('resource')"
+        ".filter(({name}) => !/changes|jobs/.test(name)).map(({responseEnd}) => responseEnd))})"
+    )
+    page.context.close()
+    seconds = {key: None if value is None else value / 1000 for key, value in timing.items()}
+    return {**{key: seen[key] for key in ("requests", "kB", "photos", "photos kB")}, **seconds}
+
+
+def _open(
+    browser: Browser, address: str, who: tuple[Client, argparse.Namespace]
+) -> tuple[Page, dict[str, Any]]:
+    """Open a page and wait until it is quiet; also return what was counted."""
     client, arguments = who
     context = browser.new_context(viewport={"width": 1366, "height": 768}, service_workers="block")
     context.add_cookies(
@@ -113,14 +164,7 @@ def _load(browser: Browser, address: str, who: tuple[Client, argparse.Namespace]
     page.goto(address, wait_until="load", timeout=120_000)
     while time.monotonic() - seen["last"] < QUIET_S:
         page.wait_for_timeout(100)
-    timing = page.evaluate(
-        "({ready: performance.getEntriesByType('navigation')[0].domContentLoadedEventEnd,"
-        " firstDot: window.firstDot ?? null, loaded: Math.max(...performance.getEntriesByType('resource')"
-        ".filter(({name}) => !/changes|jobs/.test(name)).map(({responseEnd}) => responseEnd))})"
-    )
-    context.close()
-    seconds = {key: None if value is None else value / 1000 for key, value in timing.items()}
-    return {**{key: seen[key] for key in ("requests", "kB", "photos", "photos kB")}, **seconds}
+    return page, seen
 
 
 def _watch(page: Page, arguments: argparse.Namespace) -> dict[str, Any]:

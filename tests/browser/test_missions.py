@@ -460,6 +460,26 @@ def test_nothing_to_stumble_over(open_context, owner, look, mission, send):
         assert page.locator("h1").count() == 1
 
 
+def test_a_fusion_that_failed_is_still_shown_after_a_reload_until_it_is_dismissed(page, api, mission, send):
+    send(*(pose(n) for n in range(20)))
+    failed = {"state": "failed", "kind": "mission-fuse", "error": {"message": "too few fixes", "hint": None}}
+
+    def with_job(route):
+        answer = route.fetch()
+        route.fulfill(response=answer, body=answer.text().replace('"fusion": null', '"fusion": 987654'))
+
+    page.route(f"**/missions/{mission}", with_job)
+    page.route("**/api/v1/jobs/987654", lambda route: route.fulfill(json={"id": 987654, **failed}))
+    page.goto(f"/missions/{mission}")
+    message = page.locator("#panel").get_by_test_id("error-message")
+    expect(message).to_contain_text("Too few fixes")
+    assert axe.findings(page) == []
+    message.get_by_role("button", name="Dismiss").click()
+    page.reload()
+    expect(page.locator("#tracks")).not_to_be_empty()
+    expect(message).to_have_count(0)
+
+
 def test_fusion_asks_which_of_several_odometries_is_meant(page, api, mission, send):
     """The chosen one is corrected, not the longest."""
     moving = [pose(n) for n in range(20)]
@@ -477,6 +497,6 @@ def test_fusion_asks_which_of_several_odometries_is_meant(page, api, mission, se
     options = dialog.get_by_role("option")
     expect(options).to_have_count(2)
     dialog.get_by_role("combobox").select_option(label=options.filter(has_text="wheels").inner_text())
-    dialog.get_by_role("button", name="Fuse").click()
+    dialog.get_by_role("button", name="Correct").click()
     expect(page.get_by_text("The corrected track is in place.")).to_be_visible(timeout=WORK_MS)
     assert api.ask("GET", f"/missions/{mission}/fusion")["odometry_name"] == "wheels"

@@ -121,5 +121,6 @@ def test_a_photo_of_few_of_its_16_bits_says_that_it_was_stretched(make_page, tmp
     edit = make_page(0)
     edit.choose_photos([tmp_path / "thermal.png"])
     edit.uploaded()
-    edit.page.get_by_text("About this photo").click()
-    expect(edit.current).to_contain_text("its contrast was stretched: nearly all of its 16-bit values")
+    expect(edit.page.locator("#current-facts")).to_contain_text(
+        "its contrast was stretched: nearly all of its 16-bit values"
+    )

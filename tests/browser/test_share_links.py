@@ -64,7 +64,7 @@ def test_a_secret_link_works_and_stops_working(page, visitor, make_link, sample_
     address = make_link("Visitors can localize")
     visitor.goto(address)
     expect(visitor.locator("#map-canvas canvas")).to_be_visible()
-    visitor.locator("#map-canvas").click()
+    visitor.get_by_test_id("find-mine").click()
     photo = sample_folder / "queries" / "query_02.jpg"
     visitor.get_by_test_id("query-input").set_input_files(photo)
     expect(visitor.get_by_test_id("hypothesis").first).to_be_visible()

@@ -102,7 +102,7 @@ def test_a_photo_is_taken_once_when_it_is_copied(tmp_path):
     for content in (b"ha", b"half", b"half", b"half"):
         photo.write_bytes(content)
         os.utime(photo, ns=(0, 0))
-        taken.append(list(watched.look(settled=False)))
+        taken.append(list(watched.new(settled=False)))
     assert taken == [[], [], [photo], []]
 
 
@@ -157,12 +157,12 @@ class Interrupting:
 def test_ctrl_c_is_not_lost_in_a_destructor(capsys):
     looks = []
 
-    def look():
+    def poll():
         looks.append(1)
         assert len(looks) < 3, "it goes on"
         Interrupting()
 
-    serve_until_interrupted(SimpleNamespace(port=1), "127.0.0.1", look=look)
+    serve_until_interrupted(SimpleNamespace(port=1), "127.0.0.1", poll=poll)
     assert len(looks) == 1 and "stopped" in capsys.readouterr().err
 
 

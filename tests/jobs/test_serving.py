@@ -33,7 +33,7 @@ class Shown(Progress):
 
 
 def test_a_first_start_shows_how_far_the_sample_map_is(library, settings, monkeypatch, caplog):
-    monkeypatch.setattr(serving, "_LOOK_S", 0.0)
+    monkeypatch.setattr(serving, "_POLL_S", 0.0)
     shown = Shown()
     with socket.create_server(("127.0.0.1", 0)) as listener:
         start, told = (_Start(library, listener, settings=settings, progress=one) for one in (shown, None))

@@ -116,7 +116,7 @@ def test_a_window_ends_and_is_tidied_away(nodes):
     assert here.request_counts.hit("a", seconds=0.001) == 1
     with here.engine.begin() as connection:
         connection.execute(text(f"UPDATE {TABLE} SET ends_at = clock_timestamp()"))
-    assert there.request_counts.look("a") == (0, 0.0)
+    assert there.request_counts.count_of("a") == (0, 0.0)
     assert there.request_counts.hit("a", seconds=60.0, amount=2) == 2
     assert here.request_counts.hit("a", seconds=60.0) == 3
     assert here.request_counts.hit("gone", seconds=0.0) == 1
@@ -150,7 +150,7 @@ def test_without_the_database_a_request_has_to_wait(nodes, postgresql):
 
 
 def test_a_node_is_ready_with_the_folder_and_the_objects(start, settings, s3, tmp_path, monkeypatch):
-    monkeypatch.setattr(storage, "_LOOK_S", 0.0)
+    monkeypatch.setattr(storage, "_PROBE_S", 0.0)
     bucket = s3.new_bucket()
     own = replace(
         settings,

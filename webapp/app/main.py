@@ -29,7 +29,7 @@ def _registry() -> JobRegistry:
 
 
 def _library_parts() -> Sequence[LibraryPart]:
-    return cast("Sequence[LibraryPart]", import_name("webapp.app.registry:PARTS"))
+    return cast("Sequence[LibraryPart]", import_name("webapp.app.registry:LIBRARY_PARTS"))
 
 
 COMPOSITION = Composition(

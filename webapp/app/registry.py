@@ -57,4 +57,4 @@ class MissionPart:
         yield missions.folder(library, id) / fuse.REPORT
 
 
-PARTS: tuple[LibraryPart, ...] = (MissionPart(),)
+LIBRARY_PARTS: tuple[LibraryPart, ...] = (MissionPart(),)

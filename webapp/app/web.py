@@ -119,7 +119,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     sharing_pages.blueprint,
 )
 
-PARTS = Parts(
+WEB_PARTS = Parts(
     blueprints=BLUEPRINTS,
     public_lists={"missions": shares.public},
     path_parameters=PATH_PARAMETERS,
@@ -137,4 +137,4 @@ def create_app(settings: Settings, *, library: Library | None = None) -> APIFlas
     Raises:
         StorageError: The library cannot be opened.
     """
-    return make_app(settings, PARTS, library=library)
+    return make_app(settings, WEB_PARTS, library=library)

@@ -30,7 +30,7 @@ from webapp.settings import keep_freed_memory
 from webapp.tasks.localize.open_pipeline import open_pipeline
 from webapp.tasks.localize.pipeline import LocalizationPipeline
 
-_LOOK_S = 1.0
+_POLL_S = 1.0
 """Polling interval of folders."""
 
 _SIDE_PX = 1600
@@ -63,10 +63,10 @@ def sink_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
-def serve_until_interrupted(sink: FoxgloveSink, host: str, *, look: Callable[[], None]) -> None:
-    """Print the server's address and call `look` every second until Ctrl-C; call it once for a file."""
+def serve_until_interrupted(sink: FoxgloveSink, host: str, *, poll: Callable[[], None]) -> None:
+    """Print the server's address and call `poll` every second until Ctrl-C; call it once for a file."""
     if sink.port is None:
-        look()
+        poll()
         return
     stopped = threading.Event()
 
@@ -78,8 +78,8 @@ def serve_until_interrupted(sink: FoxgloveSink, host: str, *, look: Callable[[],
     try:
         click.echo(f"listening on ws://{host}:{sink.port}")
         while not stopped.is_set():
-            look()
-            stopped.wait(_LOOK_S)
+            poll()
+            stopped.wait(_POLL_S)
     except KeyboardInterrupt:
         pass
     finally:
@@ -122,12 +122,12 @@ def localize(
         watched = WatchedPhotos(photos)
         unusable: list[Path] = []
 
-        def look() -> None:
-            for photo in watched.look(settled=out is not None):
+        def show_new() -> None:
+            for photo in watched.new(settled=out is not None):
                 if not _show(sink, photo, pipeline=pipeline):
                     unusable.append(photo)
 
-        serve_until_interrupted(sink, host, look=look)
+        serve_until_interrupted(sink, host, poll=show_new)
     if out is not None and unusable:
         sys.exit(exitcodes.SOME_FAILED)
 
@@ -140,7 +140,7 @@ class WatchedPhotos:
         self._seen: dict[Path, tuple[int, int]] = {}
         self._taken: set[Path] = set()
 
-    def look(self, *, settled: bool) -> Iterator[Path]:
+    def new(self, *, settled: bool) -> Iterator[Path]:
         """Yield each photo once: immediately if `settled`, else when it is unchanged since the last call."""
         for photo in self._inside():
             if photo in self._taken:

@@ -98,7 +98,7 @@ def windows(
 
 def detect_in_windows(
     pixels: NDArray[np.uint8],
-    look: Callable[[NDArray[np.uint8]], WindowDetections],
+    detect: Callable[[NDArray[np.uint8]], WindowDetections],
     *,
     kind: Kind,
     size: tuple[int, int],
@@ -109,7 +109,7 @@ def detect_in_windows(
 
     Args:
         pixels: (h, w, 3) uint8
-        look: Runs the network on a window.
+        detect: Runs the network on a window.
         overlap: Pixels; an object that is not larger is completely inside one of the windows of a level.
         check: Called before each window; raises to stop.
 
@@ -121,7 +121,7 @@ def detect_in_windows(
     found: list[Detection] = []
     for window, part in windows(pixels, size=size, overlap=overlap):
         check()
-        boxes, scores = look(part)
+        boxes, scores = detect(part)
         corner = np.array([window.left, window.top] * 2, np.float64)
         shares = np.clip((boxes + corner) * 2**window.level / whole, 0, 1)
         for (left, top, right, bottom), score in zip(shares.tolist(), scores.tolist(), strict=True):
@@ -241,13 +241,13 @@ class YuNet:
             _MOST_FACES,
         )
 
-        def look(part: NDArray[np.uint8]) -> WindowDetections:
+        def detect(part: NDArray[np.uint8]) -> WindowDetections:
             found = network.detect(part)[1]
             rows = np.zeros((0, 15)) if found is None else np.asarray(found, np.float64)
             return WindowDetections(np.hstack([rows[:, :2], rows[:, :2] + rows[:, 2:4]]), rows[:, 14])
 
         return detect_in_windows(
-            pixels, look, kind="face", size=_FACE_SIZE, overlap=_FACE_OVERLAP_PX, check=check
+            pixels, detect, kind="face", size=_FACE_SIZE, overlap=_FACE_OVERLAP_PX, check=check
         )
 
 
@@ -325,11 +325,11 @@ class LpdYuNet:
         """Find number plates."""
         network = cv2.dnn.readNetFromONNX(self._model)  # not shared between threads, as for faces
 
-        def look(part: NDArray[np.uint8]) -> WindowDetections:
+        def detect(part: NDArray[np.uint8]) -> WindowDetections:
             network.setInput(cv2.dnn.blobFromImage(part))
             outputs = [np.asarray(array, np.float32) for array in network.forward(_OUTPUTS)]
             return decode_plates(outputs, self._priors)
 
         return detect_in_windows(
-            pixels, look, kind="plate", size=PLATE_SIZE, overlap=_PLATE_OVERLAP_PX, check=check
+            pixels, detect, kind="plate", size=PLATE_SIZE, overlap=_PLATE_OVERLAP_PX, check=check
         )

@@ -14,7 +14,7 @@ _UNSEEN = (*_CONTROLS, "Cf", "Zs")
 _NO_CHARACTERS = "\ufffe\uffff"
 """Other characters that XML cannot contain."""
 
-_LOOKS = str.maketrans(
+_LOOKALIKES = str.maketrans(
     "\u0430\u0432\u0435\u043a\u043c\u043d\u043e\u0440\u0441\u0442\u0443\u0445\u0456\u0458\u0455\u04bb\u0501\u051b\u051d"
     "\u03b1\u03b2\u03b5\u03b6\u03b7\u03b9\u03ba\u03bc\u03bd\u03bf\u03c1\u03c4\u03c5\u03c7\u0131",
     "abekmhopctyxijshdqwabezhikmnoptyxi",
@@ -68,7 +68,7 @@ def looks(name: str) -> str:
 
     These are letters of Cyrillic and Greek, in small or capital form.
     """
-    return plain(name).translate(_LOOKS)
+    return plain(name).translate(_LOOKALIKES)
 
 
 def folded(text: str) -> str:

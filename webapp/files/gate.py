@@ -40,7 +40,7 @@ MAX_MESSAGE = 16_000_000
 """Bytes of one message; larger ones are refused."""
 
 _BLOCK = 1 << 20
-_LOOK_S = 0.2
+_POLL_S = 0.2
 """Interval at which a waiting caller checks whether it was cancelled."""
 
 _PATIENCE = 10.0
@@ -170,7 +170,7 @@ class _Child:
         """Wait a moment; return bytes, none at the end, or None if there were none in time."""
         poll = select.poll()
         poll.register(self._output, select.POLLIN)
-        return os.read(self._output, _BLOCK) if poll.poll(_LOOK_S * 1000) else None
+        return os.read(self._output, _BLOCK) if poll.poll(_POLL_S * 1000) else None
 
 
 def _taken(buffer: bytearray) -> tuple[bytes, bytes] | None:

@@ -91,10 +91,10 @@ class Acceptor:
 
     def takes_requests(self) -> bool:
         """Return whether the web processes take connections: their queue was empty not long ago."""
-        self._look_at_queue()
+        self._note_empty_queue()
         return time.monotonic() - self._empty_at < _STUCK_S
 
-    def _look_at_queue(self) -> None:
+    def _note_empty_queue(self) -> None:
         if self._has_passed_on and self._queue.is_empty():
             self._empty_at = time.monotonic()
 
@@ -159,7 +159,7 @@ class Acceptor:
 
     async def _pass_on(self, connection: socket.socket) -> None:
         async with self._turn:
-            self._look_at_queue()
+            self._note_empty_queue()
             while True:
                 try:
                     self._queue.send_connection(connection)

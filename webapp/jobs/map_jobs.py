@@ -257,7 +257,7 @@ def import_map_zip(context: Context) -> dict[str, Any]:
 def export_map_file(context: Context) -> dict[str, Any]:
     """Export a map to a file for download; the argument `format` is its format."""
     record = context.map()
-    look = export_file.look_of(context.library, record)
+    blurring = export_file.blurring_of(context.library, record)
     download = export_file.export_map_file(
         context.library,
         record.id,
@@ -265,7 +265,7 @@ def export_map_file(context: Context) -> dict[str, Any]:
         settings=context.settings,
         progress=context.progress,
     )
-    name = export_file.keep(context.library, record.slug, download=download, look=look)
+    name = export_file.keep(context.library, record.slug, download=download, blurring=blurring)
     return {"file": name, "media_type": download.media_type, "revision": record.revision}
 
 

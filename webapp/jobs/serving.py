@@ -42,7 +42,7 @@ _WELL_S = 5.0
 """A process that has run for this time counts as successfully started."""
 
 _STDERR = 2
-_LOOK_S, _SAY_S = 0.3, 5.0
+_POLL_S, _SAY_S = 0.3, 5.0
 """Intervals at which the progress of the sample map is read, and logged if it is not shown."""
 
 _log = logging.getLogger(__name__)
@@ -104,7 +104,7 @@ def serve(
             children = [web, *_workers(site, library, settings=settings)]
             keep_running(
                 children,
-                each_tick=lambda: start.look(web, echo=echo),
+                each_tick=lambda: start.poll(web, echo=echo),
                 acceptor=acceptor,
                 drain=drain,
                 drain_s=settings.serve.drain_s,
@@ -235,7 +235,7 @@ class _Start:
         self._library = library
         self._progress = progress
         self._shown = (0, 0)  # Steps done and in total, as shown last
-        self._look_at = self._say_at = 0.0
+        self._poll_at = self._say_at = 0.0
         host, port = listener.getsockname()[:2]
         self._address = (_HERE.get(host, host), port)
         self._announced = self._web_answers = False
@@ -251,7 +251,7 @@ class _Start:
                     sample = jobs.enqueue(session, "sample", account_id=owner.id)
                 self._sample = sample.id
 
-    def look(self, web: Child, *, echo: Callable[[str], None]) -> None:
+    def poll(self, web: Child, *, echo: Callable[[str], None]) -> None:
         """Report once that the server answers.
 
         Raises:
@@ -273,9 +273,9 @@ class _Start:
     def _sample_is_made(self) -> bool:
         if self._sample is None:
             return True
-        if time.monotonic() < self._look_at:
+        if time.monotonic() < self._poll_at:
             return False
-        self._look_at = time.monotonic() + _LOOK_S
+        self._poll_at = time.monotonic() + _POLL_S
         with self._library.database.read() as session:
             job = jobs.find(session, self._sample)
             self._show(job.done, job.total)

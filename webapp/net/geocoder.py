@@ -23,7 +23,7 @@ _WHERE = "place search"
 
 
 @dataclass(frozen=True, slots=True)
-class FoundPlace:
+class GeocoderResult:
     """A result of the search."""
 
     name: str  # Display name, with the regions that the place is in
@@ -31,7 +31,7 @@ class FoundPlace:
     box: GeoBox  # Its extent
 
 
-def search(text: str, *, language: str, settings: GeocoderSettings) -> tuple[FoundPlace, ...]:
+def search(text: str, *, language: str, settings: GeocoderSettings) -> tuple[GeocoderResult, ...]:
     """Send one request to the host.
 
     Args:
@@ -75,7 +75,7 @@ def _ask(address: str, wish: dict[str, str], *, timeout_s: float) -> bytes:
     return data
 
 
-def _place(item: object) -> FoundPlace | None:
+def _place(item: object) -> GeocoderResult | None:
     """Parse a place; None if its coordinates are not valid, or it has no name."""
     try:
         fields: dict[str, object] = dict(item)  # type: ignore[call-overload]
@@ -89,4 +89,4 @@ def _place(item: object) -> FoundPlace | None:
     sound = sound and max(map(abs, latitudes)) <= 90.0 and max(map(abs, longitudes)) <= 180.0
     if not (sound and name and south <= north):
         return None
-    return FoundPlace(name, LatLon(lat, lon), GeoBox(north, south, west, east))
+    return GeocoderResult(name, LatLon(lat, lon), GeoBox(north, south, west, east))

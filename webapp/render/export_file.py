@@ -55,17 +55,17 @@ def export_map_file(
     return makers[form](of_library(library, map_id))
 
 
-def keep(library: Library, slug: str, *, download: Download, look: str | None) -> str:
+def keep(library: Library, slug: str, *, download: Download, blurring: str | None) -> str:
     """Write an export into the map's `derived/exports`, where it is kept for a week. Raises StorageError.
 
     Args:
-        look: What was blurred before it was made, from `look_of`.
+        blurring: What was blurred before it was made, from `blurring_of`.
 
     Returns:
         Name of the file.
     """
     folder = _folder(library, slug)
-    path = _kept_path(folder, download.name, look)
+    path = _kept_path(folder, download.name, blurring)
     part = path.with_name(f"{path.name}.part")
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -88,22 +88,22 @@ def kept(library: Library, record: MapRecord, *, name: str) -> Path:
     Raises NotFound.
     """
     folder = _folder(library, record.slug)
-    path = _kept_path(folder, name, look_of(library, record))
+    path = _kept_path(folder, name, blurring_of(library, record))
     there = [file.name for file in folder.iterdir()] if folder.is_dir() else []
     if path.name not in there or name.endswith(".part"):
         raise NotFound("export not found, or it has expired", hint="export the map again")
     return path
 
 
-def look_of(library: Library, record: MapRecord) -> str | None:
+def blurring_of(library: Library, record: MapRecord) -> str | None:
     """Return a key of what is blurred in the photos of a map for recipients of an export; None if nothing."""
     with library.database.read() as session:
         found = boxes_of_files(session, (photo.sha256 for photo in maps.photos(session, record)))
     return hashlib.sha256(repr(sorted(found.items())).encode()).hexdigest()[:12] if found else None
 
 
-def _kept_path(folder: Path, name: str, look: str | None) -> Path:
-    return folder / (name if look is None else f"{name}.{look}")
+def _kept_path(folder: Path, name: str, blurring: str | None) -> Path:
+    return folder / (name if blurring is None else f"{name}.{blurring}")
 
 
 def _folder(library: Library, slug: str) -> Path:

@@ -24,7 +24,7 @@ from .uplink import NoResponse, Response, Uplink
 _AT_RECORD = re.compile(r"(?:^|\.)records\.(\d+)(?:\.|$)")
 _ABOUT_INPUT = (400, 413, 422)
 _LATER = (408, 425, 429)
-_LOOK_S = 0.2
+_POLL_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,7 +242,7 @@ def recover(
                 hint = "what is left stays in the spool: try again later"
                 raise NotReady(f"the server refuses everything: {step.reason}", hint=hint)
             while time.monotonic() < again:
-                time.sleep(_LOOK_S)
+                time.sleep(_POLL_S)
                 on_progress(spool.waiting + spool.photos.count)
     finally:
         uplink.close()

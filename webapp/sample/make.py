@@ -103,7 +103,7 @@ def make_sample(
     """
     folder = settings.library / "sample" if folder is None else folder
     recipe = {"seed": seed, "photos": size.photos, "queries": size.queries, "width": size.width}
-    if _there(folder, recipe, force=force):
+    if _is_made(folder, recipe, force=force):
         return SampleReport(folder / "map.cfg", made=False)
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -124,7 +124,7 @@ def make_sample(
     return SampleReport(folder / "map.cfg", made=True)
 
 
-def _there(folder: Path, recipe: dict[str, int], *, force: bool) -> bool:
+def _is_made(folder: Path, recipe: dict[str, int], *, force: bool) -> bool:
     """Return whether the folder holds the complete sample; refuse one that must not be overwritten."""
     if not folder.exists():
         return False

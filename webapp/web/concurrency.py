@@ -77,7 +77,7 @@ def init_app(app: App) -> None:
     """Limit requests with a body by callers not signed in to half of the threads, before a body is read."""
     _unauthenticated.init_app(app)
     app.before_request(_take_permit)
-    app.teardown_request(_give_back)
+    app.teardown_request(_release)
 
 
 def _take_permit() -> None:
@@ -94,7 +94,7 @@ def _is_unauthenticated() -> bool:
         return True
 
 
-def _give_back(_error: BaseException | None) -> None:
+def _release(_error: BaseException | None) -> None:
     permits = g.pop("permit_of_unauthenticated", None)
     if permits is not None:
         permits.release()

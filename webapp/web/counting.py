@@ -112,14 +112,14 @@ class SharedCounting(Storage):
         if self._counts_alone:
             return self._own.get(key)
         with self._database.translated_errors():
-            return self._counts.look(key)[0]
+            return self._counts.count_of(key)[0]
 
     def get_expiry(self, key: str) -> float:
         """Return the end of the window, seconds since 1970 by the clock of this machine."""
         if self._counts_alone:
             return self._own.get_expiry(key)
         with self._database.translated_errors():
-            return time.time() + self._counts.look(key)[1]
+            return time.time() + self._counts.count_of(key)[1]
 
     def check(self) -> bool:
         """Return whether the database responds."""

@@ -141,7 +141,7 @@ export class Activity {
     const going = state === "queued" || state === "running";
     const words = {
       queued: () => queuedText(job),
-      running: () => [job.seconds_left !== null && leftText(job.seconds_left), note].filter(Boolean).join(" · "),
+      running: () => (job.seconds_left === null ? note : leftText(job.seconds_left)),
       done: () => t("done"),
       failed: () => t("failed"),
       cancelled: () => t("cancelled"),
@@ -150,7 +150,7 @@ export class Activity {
     return h("div", { class: `ed-job ed-job--${state}`, dataset: { testid: "job-progress", state, kind, done, total } },
       h("div", { class: "ed-activity__head" },
         h("strong", {}, name),
-        h("span", { class: "small soft", title: words[state]() }, words[state]()),
+        h("span", { class: "small soft", title: note }, words[state]()),
         this._jobButton(job, going)),
       state === "running" && kind in REASONS && h("p", { class: "ed-job__why small soft" }, REASONS[kind]()),
       going && h("progress", { class: "progress", "aria-label": name, ...(state === "running" ? value : { value: 0, max: 1 }) }),

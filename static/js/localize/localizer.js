@@ -115,6 +115,7 @@ export class Localizer extends EventTarget {
     this.waiting = null;
     this.session.setBusy(true);
     this.words.begin(Boolean(this.session.query.files));
+    byId("query-frame").scrollIntoView({ block: "nearest" }); // in a low window it is below the map
     this.session.setAnswer(null);
     byId("notes").replaceChildren();
     history.replaceState(null, "", location.pathname);

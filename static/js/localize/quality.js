@@ -30,6 +30,7 @@ async function start() {
 /** Show the progress of a job until it ends, and reload the page when it is done. */
 async function follow(id) {
   document.getElementById("progress").hidden = false;
+  document.getElementById("words").textContent = t("Evaluating the map");
   if (button) button.hidden = true;
   for (;;) {
     try {
@@ -54,7 +55,7 @@ function ended(found) {
   if (total > 0 && state === "running") Object.assign(bar, { max: total, value: Math.min(done, total) });
   else bar.removeAttribute("value");
   const parts = [total > 0 && t("{done} of {total}", { done, total }), note, left !== null && t("about {time} left", { time: duration(left) })];
-  const words = state === "queued" ? queuedText(found) : parts.filter(Boolean).join(" · ");
+  const words = state === "queued" ? queuedText(found) : parts.filter(Boolean).join(" · ") || t("Evaluating the map");
   document.getElementById("words").textContent = words;
   return state === "failed" || state === "cancelled";
 }

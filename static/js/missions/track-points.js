@@ -53,7 +53,7 @@ export class TrackPoints {
       this.lon.push(lon);
       this.heading.push(heading ?? NaN);
       this.speed.push(before < 0 || this.gaps.has(before + 1) ? NaN : this._speed(before, time, [lat, lon]));
-      this._lay(lat, lon);
+      this._project(lat, lon);
     }
   }
 
@@ -63,7 +63,7 @@ export class TrackPoints {
     this.ground = ground;
     this.x = [];
     this.y = [];
-    for (let n = 0; n < this.length; n += 1) this._lay(this.lat[n], this.lon[n]);
+    for (let n = 0; n < this.length; n += 1) this._project(this.lat[n], this.lon[n]);
   }
 
   /** Index of the last point that is not later than a time; -1 before the first. */
@@ -104,7 +104,7 @@ export class TrackPoints {
     return Math.atan2(east, this.lat[to] - this.lat[from]) / RADIANS;
   }
 
-  _lay(lat, lon) {
+  _project(lat, lon) {
     // before a ground is chosen; `setGround` converts them later
     const [x, y] = this.ground?.flat(lat, lon) || [NaN, NaN];
     this.x.push(x);

@@ -25,7 +25,7 @@ export function sizeText(bytes) {
 
 /** The accuracy of a position. @param {number} metres */
 export function accuracyText(metres) {
-  return `${(metres < 10 ? Number(metres.toFixed(1)) : Math.round(metres)).toLocaleString(locale)} m`;
+  return `${(metres < 10 ? Number(metres.toFixed(1)) : Math.round(metres)).toLocaleString(locale)}\u00a0m`;
 }
 
 /** The accuracy of a position, in metres if the scale is known. @param {number} pixels @param {?number} metresPerPixel */

@@ -38,7 +38,7 @@ class People {
 
   show(members) {
     this._fill(members);
-    const name = h("input", { class: "input grow", name: "name", required: true, maxlength: 60, autocomplete: "off", autocapitalize: "none", placeholder: t("Name of an account"), "aria-label": t("Name of an account") });
+    const name = h("input", { class: "input grow", name: "name", required: true, maxlength: 60, autocomplete: "off", autocapitalize: "none", autofocus: matchMedia("(pointer: fine)").matches, placeholder: t("Name of an account"), "aria-label": t("Name of an account") });
     const role = roleSelect(t("Role"), "viewer");
     const add = h("button", { class: "button" }, icon("plus"), t("Add"));
     const form = h("form", { class: "row" }, name, role, add);

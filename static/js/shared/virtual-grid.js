@@ -64,6 +64,7 @@ export class VirtualGrid {
     box.addEventListener("scroll", this.render, { passive: true });
     new ResizeObserver(() => this._resize()).observe(box);
     this._measure();
+    this._wasStrip = this.strip;
   }
 
   /** @param {number[]} ids in their order */

@@ -26,6 +26,8 @@ export class PhotoFrame {
     this.around = new PanoramaView(this.image);
     /** @type {Map<string, HTMLImageElement>} by address */
     this.ahead = new Map();
+    /** @type {?number} where one looks, clockwise from north; null before the first photo with a heading */
+    this.facing = null;
     this.around.addEventListener("look", () => this._look());
     this.store.on("current photos", () => this._show());
     this._swipe(step);
@@ -37,8 +39,7 @@ export class PhotoFrame {
     if (!photo) return;
     const name = nameOf(photo);
     if (this.picture.show({ ...photo, name })) this.zoom.reset();
-    this.around.show(insideOf({ ...photo, name }, this.store.heading(photo.id)));
-    if (this.store.look?.id !== photo.id) this._look();
+    this._inside({ ...photo, name });
     byId("photo-name").textContent = name;
     byId("photo-when").textContent = photo.taken_at ? clockText(photo.taken_at) : "";
     byId("photo-facts").replaceChildren(...factElements(photoFacts(this.store, photo)));
@@ -46,9 +47,19 @@ export class PhotoFrame {
     this._loadAhead(photo);
   }
 
+  /** Show a panorama from inside, looking in the direction of the photo before. */
+  _inside(photo) {
+    const heading = this.store.heading(photo.id);
+    this.around.show(insideOf(photo, heading), heading === null || this.facing === null ? 0 : this.facing - heading);
+    if (this.store.look?.id !== photo.id) this._look();
+  }
+
   _look() {
     const { around, store } = this;
-    store.setLook(store.current?.panorama ? { id: store.currentId, turn: around.turn, fov: around.fov } : null);
+    const heading = store.heading(store.currentId);
+    const inside = Boolean(store.current?.panorama);
+    if (heading !== null) this.facing = inside ? heading + around.turn : heading;
+    store.setLook(inside ? { id: store.currentId, turn: around.turn, fov: around.fov } : null);
   }
 
   /** The note of the photo on one line (the facts have all of it), and the notes on spots that mention the photo. */
@@ -60,17 +71,25 @@ export class PhotoFrame {
     byId("photo-spots").replaceChildren(...spots.map(open));
   }
 
-  /** Load the photos that may be next: of the way and of the steps. */
-  _loadAhead(photo) {
+  /** Once the photo has arrived, load those that may be next: of the way and of the steps. */
+  async _loadAhead(photo) {
+    if (!photo.preview) return;
+    await this._load(photo.preview).decode().catch(() => {}); // the frame says that it is broken
+    if (this.store.currentId !== photo.id) return;
     const next = [this.walk.after(1), this.walk.after(-1), ...this.walk.steps(photo.id).map(({ id }) => id), this.walk.after(2)];
-    for (const id of [photo.id, ...next]) {
+    for (const id of next) {
       const address = id === null ? null : this.store.photos.get(id)?.preview;
-      if (!address) continue;
-      const known = this.ahead.get(address) ?? Object.assign(new Image(), { src: address });
-      this.ahead.delete(address);
-      this.ahead.set(address, known);
+      if (address) this._load(address);
     }
     for (const address of [...this.ahead.keys()].slice(0, -KEPT)) this.ahead.delete(address);
+  }
+
+  /** Keep a picture in memory, as the one used last. @param {string} address */
+  _load(address) {
+    const picture = this.ahead.get(address) ?? Object.assign(new Image(), { src: address });
+    this.ahead.delete(address);
+    this.ahead.set(address, picture);
+    return picture;
   }
 
   /** A swipe with one finger goes to the next photo, unless the photo is enlarged. */

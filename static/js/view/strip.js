@@ -60,7 +60,7 @@ export class Strip {
     byId("place-in-order").textContent = t("{n} of {count}", { n: at < 0 ? "–" : (at + 1).toLocaleString(locale), count: ids.length.toLocaleString(locale) });
     byId("photo-previous", HTMLButtonElement).disabled = this.walk.after(-1) === null;
     byId("photo-next", HTMLButtonElement).disabled = this.walk.after(1) === null;
-    if (at >= 0) this.grid.reveal(ids[at]);
+    for (const near of at < 0 ? [] : [at - 1, at + 1, at]) this.grid.reveal(ids[near]);
     this.grid.render();
   }
 

@@ -56,21 +56,21 @@ def map_and_query(noise):
 def test_photos_without_a_vote_do_not_make_the_others_surer():
     indexed, query = map_and_query(noise=5.0)
     alone = find_places(indexed, query, fov_deg=60.0)
-    hinted = find_places(indexed, query, fov_deg=60.0, closer={7, 8})
+    hinted = find_places(indexed, query, fov_deg=60.0, include={7, 8})
     assert speaking(hinted) & {7, 8} and not speaking(alone) & {7, 8}
     assert np.allclose(hinted.evidence[0], alone.evidence[0], atol=1e-3)
 
 
 def test_hidden_photos_are_not_looked_at():
     indexed, query = map_and_query(noise=5.0)
-    found = find_places(indexed, query, fov_deg=60.0, hide={7}, closer={7, 8})
+    found = find_places(indexed, query, fov_deg=60.0, hide={7}, include={7, 8})
     assert speaking(found) & {7, 8} == {8}
 
 
 def test_photos_are_looked_at_also_where_all_look_the_same_and_none_has_a_vote():
     indexed, query = map_and_query(noise=0.0)
     assert not find_places(indexed, query, fov_deg=60.0).places
-    found = find_places(indexed, query, fov_deg=60.0, closer={7, 8})
+    found = find_places(indexed, query, fov_deg=60.0, include={7, 8})
     assert speaking(found) == {7, 8}
     assert np.isfinite(found.evidence).all()
 

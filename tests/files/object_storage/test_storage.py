@@ -96,8 +96,8 @@ def test_a_file_that_was_asked_for_is_not_evicted_before_it_can_be_opened(node, 
 
 
 def test_many_readers_and_a_cache_that_is_too_small(node, tmp_path):
-    contents = {i: os.urandom(2000) for i in range(20)}
-    paths = {i: file_of(tmp_path, content, f"{i}.jpg") for i, content in contents.items()}
+    written = {i: os.urandom(2000) for i in range(20)}
+    paths = {i: file_of(tmp_path, content, f"{i}.jpg") for i, content in written.items()}
     with contents.using(node()):
         for path in paths.values():
             contents.publish(path)
@@ -106,7 +106,7 @@ def test_many_readers_and_a_cache_that_is_too_small(node, tmp_path):
     def read(start):
         for i in range(40):
             which = (start * 7 + i) % 20
-            if contents.local(paths[which]).read_bytes() != contents[which]:
+            if contents.local(paths[which]).read_bytes() != written[which]:
                 wrong.append(which)
 
     with contents.using(node("small", limit=8000, stays_s=5.0)):
@@ -264,7 +264,7 @@ def test_a_file_comes_back_as_it_was_unless_somebody_has_replaced_it(node, s3, t
 
 def test_whether_the_server_answers_is_asked_seldom(node, s3, monkeypatch, caplog):
     assert contents.reachable(), "where there is no storage, none is missing"
-    monkeypatch.setattr(storage, "_LOOK_S", 0.0)
+    monkeypatch.setattr(storage, "_PROBE_S", 0.0)
     with contents.using(node(timeout_s=0.4)):
         assert contents.reachable()
         s3.refuse = (403, "AccessDenied")
@@ -274,10 +274,10 @@ def test_whether_the_server_answers_is_asked_seldom(node, s3, monkeypatch, caplo
         s3.silent.set()
         assert not contents.reachable()
         assert len(s3.requests) == 1, "it is not tried again"
-        monkeypatch.setattr(storage, "_LOOK_S", 60.0)
+        monkeypatch.setattr(storage, "_PROBE_S", 60.0)
         s3.silent.clear()
         assert not contents.reachable()
-        monkeypatch.setattr(storage, "_LOOK_S", 0.0)
+        monkeypatch.setattr(storage, "_PROBE_S", 0.0)
         assert contents.reachable()
 
 

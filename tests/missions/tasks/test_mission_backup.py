@@ -9,7 +9,7 @@ from filelock import FileLock
 
 from tests.missions.core.simulated import Drive
 from tests.missions.core.test_fusion import gps_of, odometry_of
-from webapp.app.registry import PARTS
+from webapp.app.registry import LIBRARY_PARTS
 from webapp.errors import StorageError
 from webapp.missions.store import missions, tracks
 from webapp.missions.store.schema import Pose
@@ -60,9 +60,9 @@ def photo_of(library, mission):
 
 
 def test_a_mission_comes_back(library, mission, tmp_path):
-    report = backup.back_up(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
+    report = backup.back_up(library, tmp_path / "b.zip", parts=LIBRARY_PARTS, progress=Progress())
     assert report.missing == ()
-    backup.restore(tmp_path / "b.zip", tmp_path / "other", parts=PARTS, progress=Progress())
+    backup.restore(tmp_path / "b.zip", tmp_path / "other", parts=LIBRARY_PARTS, progress=Progress())
     restored = open_library(tmp_path / "other")
     with restored.database.read() as session:
         (track,) = tracks.list_tracks(session, mission)
@@ -75,7 +75,7 @@ def test_a_mission_comes_back(library, mission, tmp_path):
 
 def test_a_photo_that_is_lost_is_reported(library, mission, tmp_path):
     shutil.rmtree(missions.folder(library, mission))
-    report = backup.back_up(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
+    report = backup.back_up(library, tmp_path / "b.zip", parts=LIBRARY_PARTS, progress=Progress())
     (lost,) = report.missing
     assert lost.startswith(f"missions/{mission}/photos/")
 
@@ -100,9 +100,9 @@ def fused_track(library, mission):
 
 
 def test_a_fused_track_comes_back_with_its_report(library, fused, tmp_path):
-    report = backup.back_up(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
+    report = backup.back_up(library, tmp_path / "b.zip", parts=LIBRARY_PARTS, progress=Progress())
     assert report.missing == ()
-    backup.restore(tmp_path / "b.zip", tmp_path / "other", parts=PARTS, progress=Progress())
+    backup.restore(tmp_path / "b.zip", tmp_path / "other", parts=LIBRARY_PARTS, progress=Progress())
     restored = open_library(tmp_path / "other")
     assert fused_track(restored, fused) == fused_track(library, fused)
     assert fuse.read_report(restored, fused) == fuse.read_report(library, fused)
@@ -116,7 +116,7 @@ def test_a_backup_waits_while_a_fused_track_is_replaced(library, fused, tmp_path
         FileLock(library.inner / fuse.LOCK),
         pytest.raises(StorageError, match="the fused track of a mission, which is still being written"),
     ):
-        backup.back_up(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
+        backup.back_up(library, tmp_path / "b.zip", parts=LIBRARY_PARTS, progress=Progress())
 
 
 def test_tracks_are_fused_while_a_backup_waits_for_a_map(library, fused, make_map, tmp_path, monkeypatch):
@@ -139,7 +139,7 @@ def test_tracks_are_fused_while_a_backup_waits_for_a_map(library, fused, make_ma
             StorageError, match=r"the \.cfg file of a map, which is still being written"
         ) as refused,
     ):
-        backup.back_up(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
+        backup.back_up(library, tmp_path / "b.zip", parts=LIBRARY_PARTS, progress=Progress())
     assert refused.value.where == "park"
     assert asked == [export.LOCK]
 
@@ -149,4 +149,4 @@ def test_a_database_from_before_missions(library):
     with contextlib.closing(sqlite3.connect(path)) as database:
         database.execute("DROP TABLE mission_photo")
         database.commit()
-    assert snapshot.check(path, readers=readers(PARTS)).parts["missions"].files == frozenset()
+    assert snapshot.check(path, readers=readers(LIBRARY_PARTS)).parts["missions"].files == frozenset()

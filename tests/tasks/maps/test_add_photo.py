@@ -188,7 +188,7 @@ def bomb():
         (b"", "empty"),
         (b"<svg xmlns='http://www.w3.org/2000/svg'><script/></svg>", "not an image"),
         (b"%PDF-1.7", "not an image"),
-        (jpeg()[:-2000], "^the file is damaged, or its end is missing$"),
+        (jpeg()[:-2000], "the file is damaged, or its end is missing"),
         (jpeg()[:100], "cannot be read|damaged|not an image"),
         (bomb(), "megapixels|pixels"),
     ],

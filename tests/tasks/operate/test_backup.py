@@ -15,7 +15,7 @@ from contextlib import closing
 import pytest
 from sqlalchemy import select
 
-from webapp.app.registry import PARTS
+from webapp.app.registry import LIBRARY_PARTS
 from webapp.errors import Conflict, DiskFull, InputError, NotFound, StorageError, UsageError
 from webapp.files import backup
 from webapp.files.backup import MANIFEST
@@ -64,7 +64,7 @@ def back_up(library, archive):
     archive.parent.mkdir()
 
     def run(progress=None):
-        return backup_library.back_up(library, archive, parts=PARTS, progress=progress or Progress())
+        return backup_library.back_up(library, archive, parts=LIBRARY_PARTS, progress=progress or Progress())
 
     return run
 
@@ -75,7 +75,9 @@ def restore(archive, tmp_path):
     opened = []
 
     def run(**options):
-        backup_library.restore(archive, tmp_path / "restored", parts=PARTS, progress=Progress(), **options)
+        backup_library.restore(
+            archive, tmp_path / "restored", parts=LIBRARY_PARTS, progress=Progress(), **options
+        )
         opened.append(open_library(tmp_path / "restored"))
         return opened[0]
 
@@ -190,7 +192,7 @@ def test_nobody_else_may_read_it(back_up, archive):
 def test_a_backup_does_not_go_into_the_library(library):
     with pytest.raises(UsageError, match="lost with it"):
         backup_library.back_up(
-            library, library.map_folder("park") / "b.zip", parts=PARTS, progress=Progress()
+            library, library.map_folder("park") / "b.zip", parts=LIBRARY_PARTS, progress=Progress()
         )
 
 
@@ -214,7 +216,7 @@ import os, sys, signal
 from pathlib import Path
 from webapp.progress import Progress
 from webapp.store.library import open_library
-from webapp.app.registry import PARTS
+from webapp.app.registry import LIBRARY_PARTS
 from webapp.tasks.operate import backup as backup_library
 
 class Killed(Progress):
@@ -275,7 +277,7 @@ def test_a_damaged_backup_changes_nothing(damage, back_up, archive, tmp_path):
     there.mkdir()
     (there / "mine").write_text("mine")
     with pytest.raises(InputError):
-        backup_library.restore(archive, there, force=True, parts=PARTS, progress=Progress())
+        backup_library.restore(archive, there, force=True, parts=LIBRARY_PARTS, progress=Progress())
     assert [p.name for p in there.iterdir()] == ["mine"]
 
 
@@ -284,7 +286,7 @@ def test_a_backup_that_was_cut_changes_nothing(share, back_up, archive, tmp_path
     back_up()
     os.truncate(archive, int(archive.stat().st_size * share))
     with pytest.raises(InputError):
-        backup_library.restore(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
+        backup_library.restore(archive, tmp_path / "restored", parts=LIBRARY_PARTS, progress=Progress())
     assert not (tmp_path / "restored").exists()
 
 
@@ -297,7 +299,7 @@ def test_each_byte_counts(place, back_up, archive, tmp_path):
     data[sizes[0] + 200 + int(place * (sizes[-1] - 400))] ^= 1
     archive.write_bytes(data)
     try:
-        backup_library.restore(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
+        backup_library.restore(archive, tmp_path / "restored", parts=LIBRARY_PARTS, progress=Progress())
     except (InputError, StorageError):
         assert not list(tmp_path.glob("restored/*"))
     else:  # a byte outside all files, such as the time in a header
@@ -317,7 +319,7 @@ def test_a_database_that_is_damaged_inside_is_found(back_up, archive, tmp_path):
 
     rewritten(archive, damage)
     with pytest.raises(StorageError):
-        backup_library.restore(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
+        backup_library.restore(archive, tmp_path / "restored", parts=LIBRARY_PARTS, progress=Progress())
     assert not list(tmp_path.glob("restored/*"))
 
 
@@ -325,7 +327,7 @@ def test_only_an_empty_folder_is_filled(back_up, archive, library):
     back_up()
     before = rows(library)
     with pytest.raises(UsageError, match="not empty"):
-        backup_library.restore(archive, library.folder, parts=PARTS, progress=Progress())
+        backup_library.restore(archive, library.folder, parts=LIBRARY_PARTS, progress=Progress())
     assert rows(library) == before
 
 
@@ -333,7 +335,9 @@ def test_by_force_what_was_there_is_kept(library, back_up, archive):
     back_up()
     move(library, 55.0)
     library.database.close()
-    report = backup_library.restore(archive, library.folder, force=True, parts=PARTS, progress=Progress())
+    report = backup_library.restore(
+        archive, library.folder, force=True, parts=LIBRARY_PARTS, progress=Progress()
+    )
     with library.database.read() as session:
         assert maps.find(session, "park", account=accounts.ensure_owner(session)).revision < 3
     library.database.close()
@@ -347,14 +351,16 @@ def test_not_under_a_running_worker(library, back_up, archive):
     back_up()
     sign = ProcessLock(library.inner / "workers")
     with pytest.raises(Conflict, match="running"):
-        backup_library.restore(archive, library.folder, force=True, parts=PARTS, progress=Progress())
+        backup_library.restore(archive, library.folder, force=True, parts=LIBRARY_PARTS, progress=Progress())
     sign.release()
-    backup_library.restore(archive, library.folder, force=True, parts=PARTS, progress=Progress())
+    backup_library.restore(archive, library.folder, force=True, parts=LIBRARY_PARTS, progress=Progress())
 
 
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises((StorageError, NotFound)):
-        backup_library.restore(tmp_path / "none.zip", tmp_path / "restored", parts=PARTS, progress=Progress())
+        backup_library.restore(
+            tmp_path / "none.zip", tmp_path / "restored", parts=LIBRARY_PARTS, progress=Progress()
+        )
 
 
 def test_while_the_map_is_edited_all_the_time(library, back_up, restore):
@@ -388,7 +394,7 @@ def test_while_the_map_is_edited_all_the_time(library, back_up, restore):
 KILLED_RESTORE = """
 import os, sys, signal
 from pathlib import Path
-from webapp.app.registry import PARTS
+from webapp.app.registry import LIBRARY_PARTS
 from webapp.progress import Progress
 from webapp.tasks.operate import backup
 
@@ -407,7 +413,7 @@ class Killed(Progress):
 
 Path.rename = count
 progress = Killed() if left < 0 else Progress()
-backup.restore(Path(sys.argv[1]), Path(sys.argv[2]), parts=PARTS, force=True, progress=progress)
+backup.restore(Path(sys.argv[1]), Path(sys.argv[2]), parts=LIBRARY_PARTS, force=True, progress=progress)
 """
 
 
@@ -419,7 +425,7 @@ def test_a_restore_that_was_killed_is_done_again(library, back_up, archive, rena
     library.database.close()
     words = [sys.executable, "-c", KILLED_RESTORE, archive, library.folder, str(renames)]
     assert subprocess.run(words).returncode == -signal.SIGKILL
-    backup_library.restore(archive, library.folder, force=True, parts=PARTS, progress=Progress())
+    backup_library.restore(archive, library.folder, force=True, parts=LIBRARY_PARTS, progress=Progress())
     restored = open_library(library.folder)
     try:
         assert files(restored) == expected
@@ -462,5 +468,5 @@ def test_a_hostile_backup_changes_nothing(library, back_up, archive, tmp_path, s
 
     rewritten(archive, change)
     with pytest.raises((InputError, StorageError), match=error):
-        backup_library.restore(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
+        backup_library.restore(archive, tmp_path / "restored", parts=LIBRARY_PARTS, progress=Progress())
     assert list((tmp_path / "restored").iterdir()) == []

@@ -5,7 +5,7 @@ import shutil
 import pytest
 
 from tests.tasks.operate.moves import Stop, file_url, hashes, opens, to_server
-from webapp.app.registry import PARTS
+from webapp.app.registry import LIBRARY_PARTS
 from webapp.errors import StorageError, UsageError
 from webapp.progress import Progress
 from webapp.store.accounts import accounts
@@ -30,15 +30,15 @@ def test_a_backup_of_either_is_restored_into_either(folder, server, made_on, tmp
     deleted = new_account(library)
     with library.database.write() as session:
         session.delete(session.get_one(Account, deleted))
-    report = backup.back_up(library, tmp_path / "a.zip", parts=PARTS, progress=Progress())
+    report = backup.back_up(library, tmp_path / "a.zip", parts=LIBRARY_PARTS, progress=Progress())
     library.database.close()
     assert (report.maps, report.photos) == (1, 3)
-    backup.restore(tmp_path / "a.zip", tmp_path / "file", parts=PARTS, progress=Progress())
+    backup.restore(tmp_path / "a.zip", tmp_path / "file", parts=LIBRARY_PARTS, progress=Progress())
     assert opens(tmp_path / "file", None)
     assert before <= set(hashes(file_url(tmp_path / "file"), tmp_path))
     into = server()
     restored = tmp_path / "server"
-    backup.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, progress=Progress())
+    backup.restore(tmp_path / "a.zip", restored, parts=LIBRARY_PARTS, url=into, progress=Progress())
     assert before <= set(hashes(into, tmp_path))
     assert opens(restored, into)
     for place, address in ((tmp_path / "file", None), (restored, into)):
@@ -47,12 +47,14 @@ def test_a_backup_of_either_is_restored_into_either(folder, server, made_on, tmp
         library.database.close()
     assert (restored / "park" / "map.cfg").read_bytes() == (folder / "park" / "map.cfg").read_bytes()
     with pytest.raises(UsageError, match="not empty"):
-        backup.restore(tmp_path / "a.zip", tmp_path / "more", parts=PARTS, url=into, progress=Progress())
+        backup.restore(
+            tmp_path / "a.zip", tmp_path / "more", parts=LIBRARY_PARTS, url=into, progress=Progress()
+        )
 
 
 def test_a_restore_into_a_server_that_was_stopped_begins_anew(folder, server, tmp_path, monkeypatch):
     library = open_library(folder)
-    backup.back_up(library, tmp_path / "a.zip", parts=PARTS, progress=Progress())
+    backup.back_up(library, tmp_path / "a.zip", parts=LIBRARY_PARTS, progress=Progress())
     library.database.close()
     into, restored = server(), tmp_path / "restored"
 
@@ -62,11 +64,11 @@ def test_a_restore_into_a_server_that_was_stopped_begins_anew(folder, server, tm
     with monkeypatch.context() as patched:
         patched.setattr(backup, "_swap", fail)
         with pytest.raises(Stop):
-            backup.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, progress=Progress())
+            backup.restore(tmp_path / "a.zip", restored, parts=LIBRARY_PARTS, url=into, progress=Progress())
     with pytest.raises(StorageError, match="has not finished"):
         open_library(restored, url=into)
     shutil.rmtree(restored)
-    backup.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, progress=Progress())
+    backup.restore(tmp_path / "a.zip", restored, parts=LIBRARY_PARTS, url=into, progress=Progress())
     assert opens(restored, into)
 
 
@@ -74,7 +76,7 @@ def test_a_restore_that_was_stopped_after_the_files_were_placed_says_how_to_go_o
     folder, server, tmp_path, monkeypatch
 ):
     library = open_library(folder)
-    backup.back_up(library, tmp_path / "a.zip", parts=PARTS, progress=Progress())
+    backup.back_up(library, tmp_path / "a.zip", parts=LIBRARY_PARTS, progress=Progress())
     library.database.close()
     into, restored = server(), tmp_path / "restored"
 
@@ -84,8 +86,10 @@ def test_a_restore_that_was_stopped_after_the_files_were_placed_says_how_to_go_o
     with monkeypatch.context() as patched:
         patched.setattr(backup.marks, "unmark_filling", fail)
         with pytest.raises(Stop):
-            backup.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, progress=Progress())
+            backup.restore(tmp_path / "a.zip", restored, parts=LIBRARY_PARTS, url=into, progress=Progress())
     with pytest.raises(UsageError, match="stopped just before its end: repeat it with --force"):
-        backup.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, progress=Progress())
-    backup.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, force=True, progress=Progress())
+        backup.restore(tmp_path / "a.zip", restored, parts=LIBRARY_PARTS, url=into, progress=Progress())
+    backup.restore(
+        tmp_path / "a.zip", restored, parts=LIBRARY_PARTS, url=into, force=True, progress=Progress()
+    )
     assert opens(restored, into)

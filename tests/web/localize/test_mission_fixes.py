@@ -190,8 +190,10 @@ def test_tracks_are_fused_on_demand(client, mission, send, queries, library, set
     assert client.get(f"{mission}/fusion").status_code == 404
     queued = client.post(f"{mission}/fuse")
     assert queued.status_code == 202
+    assert f'"fusion": {queued.json["job"]}' in client.get(mission.removeprefix("/api/v1")).text
     Worker(library, settings, registry=REGISTRY).run(once=True)
     assert client.get(f"/api/v1/jobs/{queued.json['job']}").json["state"] == "done"
+    assert '"fusion": null' in client.get(mission.removeprefix("/api/v1")).text
     report = client.get(f"{mission}/fusion").json
     assert (report["poses"], report["gated"]) == (1, [])
     picture = client.get(f"{mission}/fusion.png")

@@ -528,7 +528,7 @@ def test_a_move_into_s3_waits_for_a_worker_that_is_at_it(move, library, monkeypa
         lock.release()
 
     monkeypatch.setattr(TerminalProgress, "note", note)
-    monkeypatch.setattr(move_library, "_CANCEL_LOOK_S", 0.1)
+    monkeypatch.setattr(move_library, "_CANCEL_POLL_S", 0.1)
     with FileLock(library.inner / "objects.lock") as lock:
         code, out, _ = move()
     assert (code, out.partition(",")[0]) == (0, f"{library.folder}: 1 files")

@@ -37,6 +37,25 @@ def test_the_jobs_of_a_map_are_listed(people, sign_in, slug, job):
     assert sign_in(people["viewer"]).get(f"/api/v1/jobs/{job}").json == answer.json["jobs"][0]
 
 
+@pytest.mark.parametrize(
+    ("note", "words"),
+    [
+        ("second look: xfeat", "the same for a second look at difficult photos"),
+        (
+            "without a second look: it would exceed the time budget",
+            "without a second look at difficult photos",
+        ),
+        ("calibrating the probabilities", "checking how sure the answers may be"),
+        ("fusing odometry and fixes", "combining odometry and GPS"),
+        ("2 of 3 tiles", "2 of 3 tiles"),
+    ],
+)
+def test_what_a_job_does_is_said_in_plain_words(library, people, sign_in, job, note, words):
+    with library.database.write() as session:
+        session.get(Job, job).note = note
+    assert sign_in(people["viewer"]).get(f"/api/v1/jobs/{job}").json["note"] == words
+
+
 def test_who_does_not_see_the_map_does_not_see_its_jobs(people, sign_in, slug, job):
     client = sign_in(people["stranger"])
     assert client.get(f"/api/v1/jobs?map={slug}").status_code == 404

@@ -10,7 +10,7 @@ from webapp import __version__
 from webapp.errors import Busy, InputError, NotFound
 from webapp.files.lock import rate_limited
 from webapp.settings import GeocoderSettings, Settings
-from webapp.tasks.satellite.find_place import find_place
+from webapp.tasks.satellite.geocode import geocode
 
 GAP_S = 0.05
 
@@ -31,7 +31,7 @@ def settings(tmp_path, geocoder):
 def find(settings, tmp_path):
     def find(text, **changes):
         chosen = dataclasses.replace(settings.geocoder, **changes)
-        return find_place(text, language="en", cache=tmp_path / "places", settings=chosen)
+        return geocode(text, language="en", cache=tmp_path / "places", settings=chosen)
 
     return find
 

@@ -99,9 +99,9 @@ picture of a photo; `gone`: status 404.
 
 WITHOUT_PHOTOS = {
     "images of maps and tiles": (
-        "api_satellite.get_image api_satellite.get_thumbnail api_satellite.get_tile api_floors.image "
-        "api_shared.image api_shared.tile api_shared.floor_image api_shared_missions.image "
-        "api_shared_missions.tile"
+        "api_satellite.get_image api_satellite.get_thumbnail api_satellite.get_tile "
+        "api_satellite.service_tile api_floors.image api_shared.image api_shared.tile api_shared.floor_image "
+        "api_shared_missions.image api_shared_missions.tile"
     ),
     "map files and tables": (
         "api_exchange.cfg api_exchange.placement_cfg api_plan.walk api_queries.export "
@@ -246,7 +246,7 @@ def values(client, library, full, owner, other, answers, mission, key):
     with library.database.read() as session:
         record = maps.find(session, full, account=owner)
     download = export_file.export_map_file(library, record.id, form="kmz", settings=Settings())
-    export_file.keep(library, full, download=download, look=export_file.look_of(library, record))
+    export_file.keep(library, full, download=download, blurring=export_file.blurring_of(library, record))
     browser, slug = other
     return {
         "slug": full,

@@ -30,7 +30,7 @@ _NOT_PASSED_ON = (
 _REPEATABLE = ("GET", "HEAD", "OPTIONS")
 
 _BLOCK, _LONGEST_HEAD = 1 << 16, 1 << 16
-_CONNECT_S, _LOOK_S = 2.0, 0.5
+_CONNECT_S, _PROBE_S = 2.0, 0.5
 
 _UNAVAILABLE = (
     b"HTTP/1.1 503 Service Unavailable\r\nContent-Type: text/plain\r\nContent-Length: 24\r\n"
@@ -77,18 +77,18 @@ class Proxy:
     async def serve(self, port: int) -> None:
         """Serve until cancelled; prints the address once it listens."""
         server = await asyncio.start_server(self._answer, "127.0.0.1", port, limit=_LONGEST_HEAD)
-        looking = [asyncio.create_task(self._look_after(one)) for one in self._upstreams]
+        probing = [asyncio.create_task(self._keep_probing(one)) for one in self._upstreams]
         click.echo(f"listening on http://127.0.0.1:{server.sockets[0].getsockname()[1]}")
         async with server:
-            await asyncio.gather(server.serve_forever(), *looking)
+            await asyncio.gather(server.serve_forever(), *probing)
 
-    async def _look_after(self, one: Upstream) -> None:
+    async def _keep_probing(self, one: Upstream) -> None:
         """Poll a server's readiness."""
         while True:
             was, one.ready = one.ready, await _is_ready(one)
             if was != one.ready:
                 click.echo(f"{one.name} is {'ready' if one.ready else 'not ready'}", err=True)
-            await asyncio.sleep(_LOOK_S)
+            await asyncio.sleep(_PROBE_S)
 
     async def _answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         client = writer.get_extra_info("peername")[0]

@@ -105,7 +105,7 @@ def combine_looks(
         for n in order
     ]
     if not fused:
-        return _nowhere(answers)
+        return _no_place(answers)
     best = answers[places[order[0]][0][0]]
     shown = {e.experience for e in best.evidence}
     further = (e for a in answers for e in a.evidence if e.experience not in shown)
@@ -121,7 +121,7 @@ def combine_looks(
     return truncate(rerank(whole, fused), top)
 
 
-def _nowhere(answers: Sequence[Answer]) -> Answer:
+def _no_place(answers: Sequence[Answer]) -> Answer:
     """Return the first look that saw something but no place; if none saw anything, the first one."""
     seen = [a for a in answers if a.no_pose is None or not a.no_pose.blank]
     looks = tuple(name for a in answers for name in a.looks)

@@ -1,4 +1,4 @@
-"""The verdict on an answer: certain, uncertain, not on the map, nothing to see; and its sentence."""
+"""Verdict on an answer (certain, uncertain, not on the map, nothing to see), and its sentence."""
 
 from __future__ import annotations
 

@@ -123,7 +123,7 @@ def find_places(
     *,
     fov_deg: float,
     hide: Collection[int] = (),
-    closer: Collection[int] = (),
+    include: Collection[int] = (),
     depths: KeypointDepths | DepthsExcluding | None = None,
 ) -> PlaceSearch:
     """Find the places where a photo may have been taken, by its features.
@@ -132,7 +132,7 @@ def find_places(
         indexed: Its `fov_deg` must be known for every photo.
         fov_deg: Horizontal field of view of the upright query.
         hide: Experience ids to leave out.
-        closer: Experience ids, the best of which are verified, too, if none of them is in the shortlist.
+        include: Experience ids, the best of which are verified, too, if none of them is in the shortlist.
         depths: Depths without observations from hidden photos. By default those of the map, and none if
             photos are hidden.
     """
@@ -140,10 +140,10 @@ def find_places(
     retrieved = retrieve(indexed, query, hide=hide)
     nearest, found, alike = retrieved.nearest, retrieved.found, retrieved.alike
     listed, further = retrieved.listed, retrieved.further
-    closer = frozenset(closer).difference(hide)
-    if closer and not np.isin(indexed.ids[[s.photo for s in listed]], [*closer]).any():
+    include = frozenset(include).difference(hide)
+    if include and not np.isin(indexed.ids[[s.photo for s in listed]], [*include]).any():
         # put them first, so that a network that matches only the first few matches these
-        listed = [*_shortlist_among(indexed, query, votes=retrieved.votes, closer=closer), *listed]
+        listed = [*_shortlist_among(indexed, query, votes=retrieved.votes, include=include), *listed]
         further = [f for f in further if f.photo not in {s.photo for s in listed}]
     clock.append(time.perf_counter())
     camera = Camera(*query.photo_size, fov_deg)
@@ -189,13 +189,13 @@ def _shortlist_among(
     query: Features,
     *,
     votes: NDArray[np.float64],
-    closer: Collection[int],
+    include: Collection[int],
 ) -> list[ShortlistedPhoto]:
-    """List the best photos of `closer`, matched as if there were no others.
+    """List the best photos of `include`, matched as if there were no others.
 
     Their votes are those on the whole map, so that they remain comparable with all other photos.
     """
-    others = indexed.ids[~np.isin(indexed.ids, [*closer])]
+    others = indexed.ids[~np.isin(indexed.ids, [*include])]
     neighbours = indexed.tuning.retrieval.neighbours
     nearest = candidates(indexed, query.descriptors, k=neighbours + 1, hide=others.tolist())
     found = filter_by_rotation(indexed, query, found=nearest)

@@ -17,7 +17,7 @@ from webapp.errors import ExpMapError, InputError, MissingPart, StorageError
 from webapp.files.atomic import read_bytes
 from webapp.files.localize.models import MODELS, models_folder, read_model
 
-_Seen = tuple[int, int] | None
+_State = tuple[int, int] | None
 """Modification time and size of a file; None if it is missing."""
 
 
@@ -33,10 +33,10 @@ def global_descriptor(chosen: Path | None) -> GlobalDescriptor | None:
         StorageError: A file cannot be read.
     """
     model, form = model_paths(chosen)
-    seen = _look(model)
+    seen = _state_of(model)
     if seen is None:
         return None
-    opened = _open(model, seen, _look(form))
+    opened = _open(model, seen, _state_of(form))
     if isinstance(opened, ExpMapError):
         raise opened.with_traceback(None)
     return opened
@@ -69,7 +69,7 @@ def model_paths(chosen: Path | None) -> tuple[Path, Path]:
 
 
 @lru_cache(maxsize=2)
-def _open(model: Path, seen: _Seen, form_seen: _Seen) -> GlobalDescriptor | ExpMapError:
+def _open(model: Path, seen: _State, form_seen: _State) -> GlobalDescriptor | ExpMapError:
     """Open the files in the state seen; errors are returned, so that they are cached, too."""
     try:
         data = read_model(model)
@@ -91,7 +91,7 @@ def _form(path: Path) -> InputForm:
         raise InputError(reason, where=path.name, hint=hint) from error
 
 
-def _look(path: Path) -> _Seen:
+def _state_of(path: Path) -> _State:
     try:
         found = path.stat()
     except OSError:

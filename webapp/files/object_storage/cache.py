@@ -26,7 +26,7 @@ from filelock import FileLock, Timeout
 from webapp.errors import ObjectLost, StorageError
 from webapp.files.atomic import storage_error
 from webapp.files.object_storage.pointer import Pointer
-from webapp.files.object_storage.watch import report_look
+from webapp.files.object_storage.watch import report_look_up
 from webapp.files.part_file import sha256_of
 
 STAYS_S = 300.0
@@ -80,11 +80,11 @@ class ObjectCache:
         """
         place = self._place(pointer, name)
         if self._touch(place, pointer):
-            report_look(found=True)
+            report_look_up(found=True)
             return place
         with self._locks[hash(pointer.key) % _LOCKS]:
             found = self._touch(place, pointer)  # another thread may have fetched it meanwhile
-            report_look(found=found)
+            report_look_up(found=found)
             if not found:
                 self._keep(place, pointer, make=fetch)
         return place

@@ -18,7 +18,7 @@ from webapp.files.part_file import sha256_of
 
 _log = logging.getLogger(__name__)
 
-_LOOK_S = 5.0
+_PROBE_S = 5.0
 
 
 class ObjectStorage:
@@ -27,7 +27,7 @@ class ObjectStorage:
     def __init__(self, bucket: Bucket, cache: ObjectCache) -> None:
         self.bucket = bucket
         self.cache = cache
-        self._answers, self._looked_at, self._looking = True, -math.inf, threading.Lock()
+        self._answers, self._probed_at, self._probing = True, -math.inf, threading.Lock()
 
     def store(self, file: Path) -> Pointer:
         """Store the content of a file under a new, unique key, to which nothing refers yet.
@@ -55,15 +55,15 @@ class ObjectStorage:
         return pointer
 
     def reachable(self) -> bool:
-        """Return whether the server responds and grants access; probe it at most every `_LOOK_S` seconds."""
-        with self._looking:
-            if time.monotonic() >= self._looked_at + _LOOK_S:
+        """Return whether the server responds and grants access; probe it at most every `_PROBE_S` seconds."""
+        with self._probing:
+            if time.monotonic() >= self._probed_at + _PROBE_S:
                 try:
                     self.bucket.probe()
                     self._answers = True
                 except StorageError:  # already logged
                     self._answers = False
-                self._looked_at = time.monotonic()
+                self._probed_at = time.monotonic()
             return self._answers
 
     def fetch(self, path: Path, pointer: Pointer) -> Path:

@@ -16,7 +16,7 @@ class StorageWatcher(Protocol):
     def asked(self, operation: Operation, seconds: float, *, failed: bool) -> None:
         """Record a request: for an object, possibly in several parts, or for a page of a listing."""
 
-    def looked(self, *, found: bool) -> None:
+    def looked_up(self, *, found: bool) -> None:
         """Record a look-up of an object in the cache, and whether it was found."""
 
 
@@ -41,7 +41,7 @@ def asking(operation: Operation) -> Iterator[None]:
             watcher.asked(operation, time.perf_counter() - begun, failed=failed)
 
 
-def report_look(*, found: bool) -> None:
+def report_look_up(*, found: bool) -> None:
     """Report a look-up in the cache."""
     for watcher in _watchers:
-        watcher.looked(found=found)
+        watcher.looked_up(found=found)

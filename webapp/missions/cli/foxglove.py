@@ -39,7 +39,7 @@ def mission(mission: int, out: Path | None, host: str, port: int, library: Path 
         with FoxgloveSink(out=out, address=(host, port)) as sink:
             if out is None:
                 follower = _Follower(place.database, mission)
-                serve_until_interrupted(sink, host, look=lambda: follower.look(sink))
+                serve_until_interrupted(sink, host, poll=lambda: follower.send_changes(sink))
             else:
                 send_mission(sink, place.database, number=mission)
 
@@ -65,7 +65,7 @@ class _Follower:
         self._number = number
         self._revision: int | None = None
 
-    def look(self, sink: FoxgloveSink) -> None:
+    def send_changes(self, sink: FoxgloveSink) -> None:
         revision = find_revision(self._database, self._number)
         if revision == self._revision:
             return
@@ -74,7 +74,7 @@ class _Follower:
             lines = b"".join(format_mission_geojson(found)).decode("utf-8")
             ends = [(track, list(_poses(track))[-1]) for track in found.tracks]
         except Conflict:
-            return  # a track was being rewritten: retry at the next look
+            return  # a track was being rewritten: retry at the next poll
         newest_s = max((pose[0] for _, pose in ends), default=time.time())
         sink.shapes("/mission", lines, time_s=newest_s)
         for track, (time_s, point) in ends:

@@ -25,7 +25,7 @@ from webapp.missions.tasks.replay_track import Replay
 from webapp.robot.client import RobotClient
 from webapp.robot.options import RobotOptions
 
-_LOOK_S = 0.2
+_POLL_S = 0.2
 
 
 @click.command()
@@ -92,8 +92,8 @@ def _play(client: RobotClient, found: Replay, *, speed: float, progress: Termina
         for event in found.events[done:]:
             due = begun + (event.time_s - first_s) / speed
             while (left := due - time.monotonic()) > 0:
-                time.sleep(min(left, _LOOK_S))
-                _look(client, progress)
+                time.sleep(min(left, _POLL_S))
+                _check(client, progress)
             client.send(event.record)
             progress.advance()
     if done <= len(found.events):
@@ -102,11 +102,11 @@ def _play(client: RobotClient, found: Replay, *, speed: float, progress: Termina
 
 def _wait(client: RobotClient, progress: TerminalProgress) -> None:
     """Wait until everything is uploaded."""
-    while not client.upload(wait_s=_LOOK_S):
-        _look(client, progress)
+    while not client.upload(wait_s=_POLL_S):
+        _check(client, progress)
 
 
-def _look(client: RobotClient, progress: TerminalProgress) -> None:
+def _check(client: RobotClient, progress: TerminalProgress) -> None:
     progress.check()
     status = client.status()
     if status.refused is not None:

@@ -56,7 +56,7 @@ def index() -> str:
 
 @mission_pages.get("/bin")
 @page(chapter="missions")
-def trash() -> str:
+def show_bin() -> str:
     """Show the page of the missions in the bin."""
     return _list(binned=True)
 

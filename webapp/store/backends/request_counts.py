@@ -73,7 +73,7 @@ class RequestCounts:
             raise
         return hits
 
-    def look(self, key: str) -> tuple[int, float]:
+    def count_of(self, key: str) -> tuple[int, float]:
         """Return the count, and the seconds until its window ends; zeros if there is none."""
         self._prepare()
         with self._engine.connect() as connection:

@@ -141,7 +141,7 @@ def _up_to_date(
     compare: Callable[[], PhotoPairs],
 ) -> StoredOrientations:
     """Read the orientations with this key from one of the files, or estimate and write them."""
-    known = next((k for k in _there(files) if k.key == key), None)
+    known = next((k for k in _stored(files) if k.key == key), None)
     if known is not None:
         progress.size(0)
         return known
@@ -162,7 +162,7 @@ def paths(opened: OpenMap) -> tuple[Path, ...]:
 
 def newest(opened: OpenMap) -> StoredOrientations | None:
     """Read the best stored orientations, preferably of the map's current state; None if there are none."""
-    known = _there(paths(opened))
+    known = _stored(paths(opened))
     return next((k for k in known if k.key.startswith(opened.map_hash)), known[0] if known else None)
 
 
@@ -177,7 +177,7 @@ def _own_paths(opened: OpenMap) -> tuple[Path, Path]:
     return opened.artifact_paths(f"orientations-{_with_network(opened)}.arrays")
 
 
-def _there(files: tuple[Path, ...]) -> list[StoredOrientations]:
+def _stored(files: tuple[Path, ...]) -> list[StoredOrientations]:
     """Read the files that exist and are valid, the last one first."""
     return [k for path in reversed(files) if (k := orientations.read(path)) is not None]
 

@@ -7,7 +7,7 @@
 3. retrieve, verify, position: matching map photos, relative poses, positions (`core.localize`);
 4. calibrate: evidence becomes probabilities (`core.hypotheses.calibration`);
 5. prior: queries are likely near the map's photos and on the paths between them
-   (`core.hypotheses.path_prior`).
+   (`core.hypotheses.priors`).
 
 A *look* is stages 2 to 4 with one kind of features. If the answer of the first look is uncertain, method
 `auto` takes a second one, and combines both (`core.hypotheses.looks`).
@@ -135,7 +135,7 @@ class Look:
             found = find_by_landmarks(indexed, features, fov_deg=fov_deg, aligned=opened.landmarks, hide=hide)
         else:
             depths = self._depths_without(hide) if hide else None
-            found = find_places(indexed, features, fov_deg=fov_deg, hide=hide, closer=include, depths=depths)
+            found = find_places(indexed, features, fov_deg=fov_deg, hide=hide, include=include, depths=depths)
         calibration = self.calibration.calibration if self.calibration else DEFAULT
         answer = with_probabilities(indexed, found, calibration=calibration, top=_ALL)
         if photo.fov.source == "guess":

@@ -89,7 +89,7 @@ def survey(
         else:
             beside = [folder / other for other in sidecars.of(name)]
             reader = _Reader(positions, limits, assume_panoramas)
-            found.append(reader.look(folder / name, name, beside=beside))
+            found.append(reader.read(folder / name, name, beside=beside))
         progress.advance()
     return found
 
@@ -106,7 +106,7 @@ class _Reader:
     limits: PhotoLimits
     assume: bool  # Whether all photos twice as wide as high are panoramas
 
-    def look(self, path: Path, name: str, *, beside: Sequence[Path]) -> SurveyedFile:
+    def read(self, path: Path, name: str, *, beside: Sequence[Path]) -> SurveyedFile:
         """Read a photo and its sidecar files."""
         try:
             facts = read_facts(path, limits=self.limits)

@@ -75,8 +75,8 @@ def _gathered(
     floor_of = {photo.id: photo.floor for photo in maps.photos_by_id(session, record, there).values()}
     wanted: dict[int, MapPixel] = {}
     for floor in sorted(set(floor_of.values())):
-        on_it = {id: at for id, at in there.items() if floor_of[id] == floor}
-        wanted |= gather(on_it, radius_px=radius_px)
+        on_floor = {id: at for id, at in there.items() if floor_of[id] == floor}
+        wanted |= gather(on_floor, radius_px=radius_px)
     return wanted
 
 

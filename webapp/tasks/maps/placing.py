@@ -87,8 +87,8 @@ def find_spots(image: MapImage, wanted: Iterable[RequestedPose]) -> list[PhotoSp
         if isinstance(pixel, LatLon):
             assert image.georeference is not None
             pixel = image.georeference.pixel_of(pixel)
-        on_it = inside(pixel, width=image.width, height=image.height)
-        problem = None if on_it else how_far(pixel, image)
+        is_on_image = inside(pixel, width=image.width, height=image.height)
+        problem = None if is_on_image else how_far(pixel, image)
         spots.append(PhotoSpot(one.photo, pixel, problem, one.heading_deg, one.radius_px, one.floor))
     return spots
 

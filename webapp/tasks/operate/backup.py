@@ -321,7 +321,7 @@ def restore(
     """
     folder = folder.absolute()
     manifest = read_manifest(archive)
-    stage, there, key = folder / _STAGE, _there(folder), f"restore into {folder}"
+    stage, there, key = folder / _STAGE, _content_of(folder), f"restore into {folder}"
     if there and not force:
         raise UsageError(
             "the folder is not empty",
@@ -354,7 +354,7 @@ def _hint(url: str | None, *, key: str) -> str:
     return "choose an empty one, or --force, which keeps what is there under another name"
 
 
-def _there(folder: Path) -> list[Path]:
+def _content_of(folder: Path) -> list[Path]:
     """List the contents of the folder, except those left by earlier restores."""
     if not folder.exists():
         return []

@@ -37,13 +37,13 @@ from webapp.tasks.satellite.files import images_in_use
 
 _log = logging.getLogger(__name__)
 
-_LOOKS = "orphans.json"
+_ORPHANS = "orphans.json"
 """File of the library: since when each object is unreferenced, and the time of the last scan."""
 
 _KEY = re.compile(r"[0-9a-f]{2}/[0-9a-f]{64}-[0-9a-f]{16}")
 """Names of a library's objects; other objects with its prefix are not touched."""
 
-_LOOKS_PER_AGE = 4
+_SCANS_PER_AGE = 4
 _READERS_S = 600.0
 """Seconds for which a file stays next to its pointer, for readers that have already looked up its path."""
 
@@ -160,8 +160,8 @@ def sweep_objects(library: Library, settings: Settings, *, stops: Callable[[], b
         return 0
     try:
         with FileLock(library.inner / "orphans.lock", timeout=0):
-            at, (looked_at, since) = now(), _read_looks(library)
-            if looked_at is not None and at - looked_at < age / _LOOKS_PER_AGE:
+            at, (scanned_at, since) = now(), _read_scan(library)
+            if scanned_at is not None and at - scanned_at < age / _SCANS_PER_AGE:
                 return 0
             found = _unnamed(library, storage, since, at=at, stops=stops)
             if found is None:
@@ -173,7 +173,7 @@ def sweep_objects(library: Library, settings: Settings, *, stops: Callable[[], b
             if stops():
                 return len(swept)
             storage.bucket.drop_unfinished(begun_before=at - age)
-            _write_looks(library, at, {key: first for key, first in since.items() if key not in swept})
+            _write_scan(library, at, {key: first for key, first in since.items() if key not in swept})
             return len(swept)
     except Timeout:
         return 0  # another worker is sweeping
@@ -255,16 +255,16 @@ def _missing(library: Library, hashes: list[str]) -> set[str]:
     return found
 
 
-def _read_looks(library: Library) -> tuple[datetime | None, dict[str, datetime]]:
+def _read_scan(library: Library) -> tuple[datetime | None, dict[str, datetime]]:
     """Read the result of the last scan; a damaged file counts as none."""
     try:
-        content = json.loads((library.inner / _LOOKS).read_bytes())
+        content = json.loads((library.inner / _ORPHANS).read_bytes())
         since = {key: datetime.fromisoformat(first) for key, first in content["since"].items()}
         return datetime.fromisoformat(content["looked_at"]), since
     except (FileNotFoundError, ValueError, KeyError, TypeError, AttributeError):
         return None, {}
 
 
-def _write_looks(library: Library, at: datetime, since: Mapping[str, datetime]) -> None:
+def _write_scan(library: Library, at: datetime, since: Mapping[str, datetime]) -> None:
     content = {"looked_at": at.isoformat(), "since": {key: first.isoformat() for key, first in since.items()}}
-    write_text(library.inner / _LOOKS, json.dumps(content))
+    write_text(library.inner / _ORPHANS, json.dumps(content))

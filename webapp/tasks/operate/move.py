@@ -53,7 +53,7 @@ TICKET = "moving.json"
 """File in `.library` with the key and the target of an incomplete move."""
 
 _PART = f"{DATABASE}.moving"
-_WAIT_S, _LOOK_S = 5.0, 0.1
+_WAIT_S, _POLL_S = 5.0, 0.1
 """Seconds to wait for processes that are just ending, and between two checks."""
 
 _IN_USE = Conflict(
@@ -246,7 +246,7 @@ def check_alone(connection: Connection) -> None:
     while backend_of(connection).is_open_elsewhere(connection):
         if time.monotonic() > until:
             raise _IN_USE
-        time.sleep(_LOOK_S)
+        time.sleep(_POLL_S)
 
 
 def _begin(inner: Path, place: str, source: Database) -> str:
@@ -301,7 +301,7 @@ def _remove(part: Path) -> None:
 _TOGETHER, _SOME = 4, 32
 """Objects fetched concurrently, and between two checks for cancellation."""
 
-_WORKER_WAIT_S, _CANCEL_LOOK_S = 600.0, 1.0
+_WORKER_WAIT_S, _CANCEL_POLL_S = 600.0, 1.0
 """Seconds to wait for a worker that moves the same files, and between two checks for cancellation."""
 
 
@@ -357,7 +357,7 @@ def _exclusively(library: Library, *, progress: Progress) -> Iterator[None]:
     while not lock.is_locked:
         progress.check()
         try:
-            lock.acquire(timeout=min(_CANCEL_LOOK_S, _WORKER_WAIT_S))
+            lock.acquire(timeout=min(_CANCEL_POLL_S, _WORKER_WAIT_S))
         except Timeout as error:
             if time.monotonic() >= until:
                 raise Busy(

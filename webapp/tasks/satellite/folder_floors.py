@@ -57,11 +57,11 @@ def remove_in_folder(cfg: Path, id: int, *, to_tray: bool) -> None:
     """
     the_map = read_map(cfg)
     check_removable(id)
-    on_it = [e for e in the_map.experiences if e.floor == id]
-    if on_it and not to_tray:
-        raise photos_on_floor(len(on_it))
+    on_floor = [e for e in the_map.experiences if e.floor == id]
+    if on_floor and not to_tray:
+        raise photos_on_floor(len(on_floor))
     left = tuple(floor for floor in the_map.floors if floor.id != id)
-    gone = {e.id for e in on_it}
+    gone = {e.id for e in on_floor}
     write_map(
         cfg,
         replace(
@@ -69,7 +69,7 @@ def remove_in_folder(cfg: Path, id: int, *, to_tray: bool) -> None:
             floors=left if len(left) > 1 else (),
             experiences=tuple(e for e in the_map.experiences if e.id not in gone),
             placements=tuple(_without(placement, gone) for placement in the_map.placements),
-            unplaced=(*the_map.unplaced, *map(_in_tray, on_it)),
+            unplaced=(*the_map.unplaced, *map(_in_tray, on_floor)),
         ),
     )
 

@@ -64,7 +64,7 @@ def new() -> str:
 
 @blueprint.get("/bin")
 @page()
-def trash() -> str:
+def show_bin() -> str:
     """List the maps in the bin, in pages."""
     with library().database.read() as session:
         listed = _listed(session, account(), binned=True)

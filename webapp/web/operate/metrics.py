@@ -139,7 +139,7 @@ class _Metrics:
         self.storage_requests.labels(operation, "failed" if failed else "done").inc()
         self.storage_seconds.labels(operation).observe(seconds)
 
-    def looked(self, *, found: bool) -> None:
+    def looked_up(self, *, found: bool) -> None:
         """Count a lookup of an object in the cache."""
         self.storage_looks.labels("hit" if found else "miss").inc()
 

@@ -8,7 +8,7 @@ from apiflask import APIBlueprint, Schema
 from apiflask.fields import Float, List, Nested, String
 from apiflask.validators import Length
 
-from webapp.tasks.satellite.find_place import find_place
+from webapp.tasks.satellite.geocode import geocode
 from webapp.web import language
 from webapp.web.context import account, library, settings
 
@@ -47,7 +47,7 @@ def search(query: dict[str, str]) -> dict[str, Any]:
     """Search places by name; 404 if the setting `geocoder.address` is not given."""
     account()
     chosen = settings().geocoder
-    found = find_place(
+    found = geocode(
         query["q"], language=language.current(), cache=library().inner / "places", settings=chosen
     )
     return {

@@ -133,7 +133,7 @@ export class CurrentPhoto {
     if (photo.file_notes?.length) facts.push(...fact(t("File"), photo.file_notes.join("; ")));
     if (position) {
       const radius = this.store.radius(photo.id);
-      const within = radius === null ? "" : ` ± ${offText(radius, this.store.georeference.metresPerPixel)}`;
+      const within = radius === null ? "" : ` ±\u00a0${offText(radius, this.store.georeference.metresPerPixel)}`;
       const floor = this.store.floorNamed(this.store.floorOf(photo.id));
       if (floor) facts.push(...fact(t("Floor"), floor.name));
       facts.push(...fact(t("Placed at"), this.view.positionText(position) + within));
@@ -146,7 +146,7 @@ export class CurrentPhoto {
 
   _gps({ gps, gps_problem: problem }) {
     if (!gps) return h("span", { title: problem }, t("none")); // the reason is shown above the tray
-    const accuracy = gps.accuracy_m ? ` ± ${accuracyText(gps.accuracy_m)}` : "";
+    const accuracy = gps.accuracy_m ? ` ±\u00a0${accuracyText(gps.accuracy_m)}` : "";
     const { satellite } = this.store;
     const known = satellite && Number.isFinite(gps.x_px);
     const outside = known && (gps.x_px < 0 || gps.y_px < 0 || gps.x_px > satellite.width || gps.y_px > satellite.height);

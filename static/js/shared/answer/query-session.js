@@ -15,7 +15,7 @@ export function isOffMap(answer) {
   return !["place", "perhaps_place"].includes(verdictOf(answer));
 }
 
-const WORTH_TELLING = 0.005;
+const LEAST_LISTED = 0.005;
 
 /**
  * The order in which an answer is listed: places by probability, then all other places as one entry. "Not on this
@@ -25,7 +25,7 @@ const WORTH_TELLING = 0.005;
  */
 export function ranking({ hypotheses, off_map_probability: off, other_probability: other }) {
   const entries = hypotheses.map((_, at) => ({ kind: "place", at }));
-  const hasOther = other > WORTH_TELLING;
+  const hasOther = other > LEAST_LISTED;
   if (hasOther) entries.push({ kind: "other", at: -1 });
   if (off === null) return entries;
   const lower = hypotheses.findIndex(({ probability }) => probability < off);

@@ -14,7 +14,7 @@ export class WaitingWords {
     this.box = box;
     this.bar = bar;
     this.what = h("span", { role: "status" });
-    this.seconds = h("span", { class: "number", "aria-hidden": "true" });
+    this.seconds = h("span", { class: "number nowrap", "aria-hidden": "true" });
     box.replaceChildren(this.what, this.seconds);
     this._timer = 0;
   }

@@ -146,3 +146,23 @@ def test_a_file_may_not_have_tracks_without_end(saved, monkeypatch):
     path = saved("a.gpx", b'<gpx version="1.1">' + track * 101 + b"</gpx>")
     with pytest.raises(TrackError, match="more than 100 tracks"):
         read(path)
+
+
+def test_very_many_positions_at_one_time_take_no_time(saved):
+    lines = (
+        f"$GPGGA,120000,50{n % 60:02}.{n % 999:03},N,01424.{n % 997:03},E,1,8,1,2,M,,M,,"
+        for n in range(20_000)
+    )
+    (piece,) = read(saved("a.nmea", "\n".join(lines).encode()))
+    assert len(piece.poses) == 1
+
+
+def test_a_solution_with_very_wide_headers_takes_no_time(saved):
+    header = "% GPST latitude(deg) longitude(deg) height(m) Q " + "a " * 30_000
+    assert read(saved("a.pos", "\n".join([header] * 100).encode())) == []
+
+
+def test_a_table_in_a_code_page_with_very_wide_headers_takes_no_time(saved):
+    header = ",".join(["č" * 20] * 3000)
+    with pytest.raises(TrackError, match="no columns of positions"):
+        read(saved("a.csv", "\n".join([header] * 100).encode("cp1250")))

@@ -80,6 +80,29 @@ def test_a_receiver_that_fails_for_a_while_does_not_swap_tracks():
     assert np.ptp(second.latlon[:, 0]) < 1e-6
 
 
+@pytest.mark.parametrize("every", [2, 5, 9])
+def test_a_receiver_that_is_slower_has_its_own_track_too(every):
+    lines = []
+    for second in range(60):
+        lines.append(gga(f"1200{second:02d}", *place(0, second, apart=1e-3, speed=1e-5)))
+        if second % every == 0:
+            lines.append(gga(f"1200{second:02d}", *place(1, second, apart=1e-3, speed=1e-5)))
+    first, second = (piece.poses for piece in read_nmea("".join(lines))[0])
+    assert (len(first), len(second)) == (60, -(-60 // every))
+    assert np.ptp(first.latlon[:, 0]) < 1e-6
+
+
+def test_single_positions_elsewhere_are_left_out_with_a_count():
+    lines = []
+    for second in range(60):
+        lines.append(gga(f"1200{second:02d}", *place(0, second, apart=1e-3, speed=1e-5)))
+        if second % 30 == 0:
+            lines.append(gga(f"1200{second:02d}", *place(1, second, apart=1e-3, speed=1e-5)))
+    (piece,), findings = read_nmea("".join(lines))
+    assert np.ptp(piece.poses.latlon[:, 0]) < 1e-6, "the first one of a time counts"
+    assert [one.count for one in findings.skipped()] == [2]
+
+
 def test_two_of_three_receivers_have_the_same_talker():
     lines = []
     for second in range(30):

@@ -208,7 +208,7 @@ def test_documents_in_a_kmz_are_read_where_it_links_to_them(tmp_path: Path) -> N
     links = ["parts/one%20day.kml#top", "parts/none.kml", "http://example.com/x.kml"]
     documents = {
         "doc.kml": "".join(map(network_link, links)) + line_of("main", 50),
-        "parts/one day.kml": line_of("one", 51) + network_link("../two.kml") + network_link("../doc.kml"),
+        "parts/one day.kml": line_of("one", 51) + network_link("..\\two.kml") + network_link("../doc.kml"),
         "two.kml": line_of("two", 52),
         "other.kml": line_of("other", 53),
     }

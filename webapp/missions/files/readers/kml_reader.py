@@ -125,7 +125,7 @@ def _link(element: Element, found: _Found, *, findings: Findings) -> None:
     if found.links is None or not href or "://" in href:
         findings.skip(_UNUSED["NetworkLink"], where="<NetworkLink>")
     else:
-        found.links.append(href)
+        found.links.append(href.replace("\\", "/"))
 
 
 def _line(part: Element, title: str, *, findings: Findings) -> Iterator[Piece]:

@@ -59,7 +59,7 @@ _FIRST_YEAR = 1990
 _APART_M = 30.0
 """The positions of sentences of other kinds, at one time, are those of one receiver up to this distance."""
 
-_LEAST_TOGETHER, _TOGETHER = 2, 0.2
+_LEAST_TOGETHER, _TOGETHER = 2, 0.1
 """Least number and share of times at which several receivers have positions."""
 
 _MOST_RECEIVERS = 4
@@ -244,6 +244,7 @@ class _Fix:
     var_e: float = math.nan
     var_n: float = math.nan
     bad: str = ""  # Why it is left out
+    replaced: int = 0  # Number of fixes with its time that it has replaced
     # The position that each kind of its sentences has.
     kinds: dict[str, LatLon | None] = field(default_factory=dict)
 
@@ -251,20 +252,22 @@ class _Fix:
     def place(self) -> LatLon | None:
         return None if math.isnan(self.lat) else LatLon(self.lat, self.lon)
 
-    def take(self, other: _Sentence | _Fix) -> None:
-        """Merge a sentence, or another fix."""
-        self.bad = self.bad or other.bad
+    def take(self, sentence: _Sentence) -> None:
+        """Merge a sentence."""
+        self.bad = self.bad or sentence.bad
         for name in ("lat", "lon", "height_m", "heading_deg", "var_e", "var_n"):
-            if not math.isnan(value := getattr(other, name)):
+            if not math.isnan(value := getattr(sentence, name)):
                 setattr(self, name, value)
-        self.kinds |= other.kinds if isinstance(other, _Fix) else {other.kind: other.place}
+        self.kinds[sentence.kind] = sentence.place
 
     def off_m(self, sentence: _Sentence) -> float:
         """Return how far it is from a sentence; infinite if it has such a sentence with another position."""
-        if self.kinds.get(sentence.kind, sentence.place) != sentence.place:
+        place, other = self.place, sentence.place
+        if self.kinds.get(sentence.kind, other) != other:
             return math.inf
-        both_placed = self.place is not None and sentence.place is not None
-        return _apart_m(self.place, sentence.place) if both_placed else _APART_M  # type: ignore[arg-type]
+        if place is None or other is None:
+            return _APART_M
+        return 0.0 if place == other else _apart_m(place, other)
 
 
 @dataclass(slots=True)
@@ -278,11 +281,22 @@ class _Epochs:
     def add(self, sentence: _Sentence) -> None:
         assert sentence.clock is not None, "without a time there is no fix"
         fixes = self.open.setdefault(sentence.clock, [])
-        found = min(fixes, key=lambda fix: (fix.off_m(sentence), fix is not self.last), default=None)
+        found = fixes[0] if len(fixes) == 1 else None  # as usual
+        if len(fixes) > 1:
+            found = min(fixes, key=lambda fix: (fix.off_m(sentence), fix is not self.last))
         if found is None or found.off_m(sentence) > _APART_M:
-            fixes.append(found := _Fix(sentence.clock))
+            found = self._next(fixes, sentence.clock)
         found.take(sentence)
         self.last = found
+
+    def _next(self, fixes: list[_Fix], clock: time) -> _Fix:
+        """Return a new fix; of very many at one time the last one is replaced."""
+        if len(fixes) <= _MOST_RECEIVERS:
+            fixes.append(_Fix(clock))
+        else:
+            fixes[-1].replaced += 1
+            fixes[-1].kinds.clear()
+        return fixes[-1]
 
     def closed(self, *, all: bool = False) -> Iterator[list[_Fix]]:
         """Remove and yield the fixes of the times that are complete."""
@@ -318,7 +332,7 @@ class _Crowd:
             if len(places) > 1 and len(places) == len(self.before):
                 self.all_m += sum(_apart_m(*pair) for pair in pairwise([self.before[-1], *places]))
                 self.each_m += sum(map(_apart_m, self.before, places)) / len(places)
-            self.before = places
+            self.before = places if len(places) > 1 else self.before
 
     def receivers(self) -> int:
         self.count(self.epochs.closed(all=True))
@@ -418,15 +432,24 @@ def _survey(file: BinaryIO) -> _Survey:
     file.seek(0)
     moments: list[datetime] = []
     turns = _Turns()
-    crowds: dict[str, _Crowd] = {}
+    crowd = _Crowd()
     for _, sentence in _sentences(file, checked=checked, findings=Findings()):
         if (moment := sentence.moment) is not None and (not moments or moments[0].year < _FIRST_YEAR):
             moments = [moment] if not moments or moment.year >= _FIRST_YEAR else moments
         turns.add(sentence)
-        for talker in ("", sentence.talker):
-            crowds.setdefault(talker, _Crowd()).add(sentence)
-    receivers = {talker: crowd.receivers() for talker, crowd in crowds.items()}
-    return _Survey(moments[0] if moments else None, checked, turns.talkers(), receivers)
+        crowd.add(sentence)
+    talkers = turns.talkers()
+    receivers = _receivers(file, checked=checked) if talkers else {"": crowd.receivers()}
+    return _Survey(moments[0] if moments else None, checked, talkers, receivers)
+
+
+def _receivers(file: BinaryIO, *, checked: bool) -> dict[str, int]:
+    """Return the number of receivers of each talker."""
+    file.seek(0)
+    crowds: dict[str, _Crowd] = {}
+    for _, sentence in _sentences(file, checked=checked, findings=Findings()):
+        crowds.setdefault(sentence.talker, _Crowd()).add(sentence)
+    return {talker: crowd.receivers() for talker, crowd in crowds.items()}
 
 
 @dataclass(slots=True)
@@ -511,13 +534,10 @@ class _Log:
         if self.has_no_date:
             findings.skip("fixes from before the receiver knew the date", where=where, count=len(fixes))
             return
-        placed = sum(fix.place is not None for fix in fixes)
+        placed = sum(fix.place is not None for fix in fixes) + sum(fix.replaced for fix in fixes)
         findings.skip(_SAME_TIME, where=where, count=max(placed - len(self.receivers), 0))
-        if len(self.receivers) == 1 and fixes:
-            one = _Fix(fixes[0].clock)
-            for fix in fixes:
-                one.take(fix)
-            fixes = [one]
+        if len(self.receivers) == 1:
+            fixes = fixes[:1]
         for fix in [fix for fix in fixes if fix.bad or fix.place is None]:
             findings.skip(fix.bad or "times without a position", where=where)
         yield from [fix for fix in fixes if not fix.bad and fix.place is not None][: len(self.receivers)]

@@ -18,16 +18,16 @@ from webapp.errors import NotFound
 from webapp.files.atomic import write_text
 from webapp.files.lock import rate_limited
 from webapp.net import geocoder
-from webapp.net.geocoder import FoundPlace
+from webapp.net.geocoder import GeocoderResult
 from webapp.settings import GeocoderSettings
 
 _PATIENCE_S = 8.0
 """Maximum time that a search waits for earlier ones."""
 
 
-def find_place(
+def geocode(
     text: str, *, language: str, cache: Path, settings: GeocoderSettings
-) -> tuple[FoundPlace, ...]:
+) -> tuple[GeocoderResult, ...]:
     """Find places with a name.
 
     Args:
@@ -64,7 +64,7 @@ def _forget(cache: Path, *, days: float) -> None:
             kept.unlink(missing_ok=True)
 
 
-def _fields(place: FoundPlace) -> tuple[object, ...]:
+def _fields(place: GeocoderResult) -> tuple[object, ...]:
     return place.name, place.position, place.box
 
 
@@ -72,11 +72,11 @@ def _is_old(path: Path, *, days: float) -> bool:
     return time.time() - path.stat().st_mtime > days * 86400
 
 
-def _cached(path: Path, *, days: float) -> tuple[FoundPlace, ...] | None:
+def _cached(path: Path, *, days: float) -> tuple[GeocoderResult, ...] | None:
     try:
         if _is_old(path, days=days):
             return None
         content = json.loads(path.read_text("utf-8"))
     except FileNotFoundError:
         return None
-    return tuple(FoundPlace(name, LatLon(*position), GeoBox(*box)) for name, position, box in content)
+    return tuple(GeocoderResult(name, LatLon(*position), GeoBox(*box)) for name, position, box in content)
