@@ -16,7 +16,6 @@ from webapp.core.retrieval.retrieve import filter_by_rotation, shortlist, weight
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.evaluation.measure import with_hidden_photos
-from webapp.tasks.localize import pipeline
 from webapp.tasks.localize.calibrate import fit_trials
 from webapp.tasks.localize.open_pipeline import open_pipeline
 from webapp.tasks.localize.plan import OpenOptions
@@ -57,29 +56,6 @@ def test_queries_are_found_where_they_were_taken(localizer):
     assert np.mean([a.hypotheses[0].probability for a in found]) > 0.6
     assert all(a.fov is not None and a.fov.source == "exif" for a in first)
     assert any(a.hypotheses[0].kind == "position" for a in first)
-
-
-def test_a_crop_of_unknown_focal_length_is_placed_as_a_crop(localizer, tmp_path, monkeypatch):
-    """Its middle without EXIF: probabilities are better than by the guess alone, and positions no worse."""
-
-    def answers():
-        for path, truth in [*queries(localizer)][:10]:
-            photo = cv2.imread(str(path))
-            height, width = photo.shape[:2]
-            crop = photo[height // 4 : -height // 4, width // 4 : -width // 4]
-            cv2.imwrite(str(tmp_path / "crop.png"), crop)
-            first = localizer.localize(tmp_path / "crop.png", top=1).hypotheses[0]
-            yield math.dist(first.position, truth), first.probability
-
-    def measured():
-        error, stated = np.array([*answers()]).T
-        right = error <= localizer.place_radius_px
-        return error.mean(), ((stated - right) ** 2).mean()
-
-    averaged = measured()
-    monkeypatch.setattr(pipeline, "_at_other_focal_lengths", lambda answer, *found, **how: answer)
-    guessed = measured()
-    assert averaged[0] <= guessed[0] and averaged[1] < guessed[1], (averaged, guessed)
 
 
 def test_no_answer_is_more_exact_than_the_gps_of_the_photos(localizer):

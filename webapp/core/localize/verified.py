@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -47,9 +47,6 @@ from webapp.threads import in_threads
 
 _EVIDENCE_PHOTOS = 5
 
-_PHOTOS_AGAIN, _LEAST_INLIERS = 5, 15
-"""With another field of view at most so many photos are verified again, if the best has so many inliers."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaceSearch:
@@ -58,32 +55,6 @@ class PlaceSearch:
     places: list[PlaceCandidate]  # The best first
     evidence: NDArray[np.float64]  # (h, EVIDENCE) float64. Evidence of each place; see `evidence_vectors`.
     answer: Answer  # Statistics and seconds, and the reason if there is no place
-    # Estimates the first of some photos' places with another horizontal field of view of the query; None if
-    # the method cannot.
-    again: Callable[[Sequence[VerifiedPhoto], float], PlaceSearch] | None = None
-
-
-def with_other_field_of_view(
-    found: PlaceSearch, *, calibration: Calibration, fov_deg: float
-) -> PlaceSearch | None:
-    """Estimate the most probable place again with another field of view of the query.
-
-    Returns:
-        The search with the new estimates of this place; None if geometry says nothing about it.
-    """
-    if found.again is None or not found.places:
-        return None
-    best = int(probabilities(found.evidence, calibration)[0].argmax())
-    photos = found.places[best].photos[:_PHOTOS_AGAIN]
-    if found.places[best].kind == "area" or photos[0].inliers < _LEAST_INLIERS:
-        return None
-    there = found.again(photos, fov_deg)
-    others = np.arange(len(found.places)) != best
-    return replace(
-        found,
-        places=[*there.places, *(place for place, other in zip(found.places, others, strict=True) if other)],
-        evidence=np.vstack([there.evidence, found.evidence[others]]),
-    )
 
 
 def with_probabilities(
@@ -151,37 +122,31 @@ def find_places(
     upright = _roll_correction(turn_deg)
     if depths is None:
         depths = empty_depths() if hide or indexed.extrinsics is None else indexed.extrinsics.depths
-    verify = partial(_verify, indexed, upright=upright, depths=depths)
-    checked = _verify_all(indexed, query, listed=listed, verify=partial(verify, camera=camera))
+    verify = partial(_verify, indexed, camera=camera, upright=upright, depths=depths)
+    checked = _verify_all(indexed, query, listed=listed, verify=verify)
     clock.append(time.perf_counter())
     unverified = [VerifiedPhoto.by_votes(f) for f in further]
     places = estimate_places(indexed, checked, further=unverified, alike=alike)
     evidence = _evidence_vectors(indexed, places, checked=[*checked, *unverified], alike=alike)
-
-    def again(photos: Sequence[VerifiedPhoto], fov_deg: float) -> PlaceSearch:
-        other = partial(verify, camera=Camera(*query.photo_size, fov_deg))
-        anew = in_threads(other, [photo.matched for photo in photos])
-        places = estimate_places(indexed, anew, further=[], alike=alike)[:1]
-        others = [v for v in (*checked, *unverified) if all(v is not photo for photo in photos)]
-        evidence = _evidence_vectors(indexed, places, checked=[*anew, *others], alike=alike)
-        return PlaceSearch(places, evidence, answer)
-
     order = np.argsort(-weigh(evidence, DEFAULT), kind="stable")
     clock.append(time.perf_counter())
     first = nearest.distance[:, 0][nearest.photo[:, 0] >= 0]
     left = int((found.photo[:, 0] >= 0).sum())
     reason = "no keypoints" if not len(query) else "no match with any photo of the map"
     stages = ("retrieve", "verify", "position")
-    answer = Answer(
-        hypotheses=(),
-        off_map_probability=1.0,
-        other_probability=0.0,
-        no_pose=None if places else NoPose(reason),
-        statistics=match_statistics(len(query), first, left=left),
-        seconds={s: b - a for s, a, b in zip(stages, clock, clock[1:], strict=False)},
-        quarter_turns=quarter_turns(indexed, query, nearest=nearest, turn_deg=turn_deg),
+    return PlaceSearch(
+        [places[n] for n in order],
+        evidence[order],
+        Answer(
+            hypotheses=(),
+            off_map_probability=1.0,
+            other_probability=0.0,
+            no_pose=None if places else NoPose(reason),
+            statistics=match_statistics(len(query), first, left=left),
+            seconds={s: b - a for s, a, b in zip(stages, clock, clock[1:], strict=False)},
+            quarter_turns=quarter_turns(indexed, query, nearest=nearest, turn_deg=turn_deg),
+        ),
     )
-    return PlaceSearch([places[n] for n in order], evidence[order], answer, again)
 
 
 def _shortlist_among(

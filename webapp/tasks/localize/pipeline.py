@@ -32,7 +32,7 @@ from webapp.core.features.extract import extract
 from webapp.core.features.table import Method
 from webapp.core.features.types import Features
 from webapp.core.geometry.estimate import NoPose
-from webapp.core.hypotheses import focal_lengths, joint, looks
+from webapp.core.hypotheses import joint, looks
 from webapp.core.hypotheses.bayes import truncate
 from webapp.core.hypotheses.calibration import DEFAULT, Calibration
 from webapp.core.hypotheses.map_accuracy import limit_accuracy
@@ -41,16 +41,10 @@ from webapp.core.hypotheses.places import MapKind
 from webapp.core.hypotheses.priors import apply_path_prior_to_answer, relative_to_north
 from webapp.core.localize import vote
 from webapp.core.localize.landmarks import find_by_landmarks
-from webapp.core.localize.verified import (
-    PlaceSearch,
-    find_places,
-    with_other_field_of_view,
-    with_probabilities,
-)
+from webapp.core.localize.verified import find_places, with_probabilities
 from webapp.core.localize.vote import match_statistics
 from webapp.core.mapmodel.model import Map
 from webapp.core.reconstruction.depths import DepthObservations, DepthsExcluding
-from webapp.core.retrieval.indexed import IndexedMap
 from webapp.files.contents import local
 from webapp.files.localize.calibration import StoredCalibration
 from webapp.files.localize.models import network
@@ -138,8 +132,6 @@ class Look:
             found = find_places(indexed, features, fov_deg=fov_deg, hide=hide, include=include, depths=depths)
         calibration = self.calibration.calibration if self.calibration else DEFAULT
         answer = with_probabilities(indexed, found, calibration=calibration, top=_ALL)
-        if photo.fov.source == "guess":
-            answer = _at_other_focal_lengths(answer, found, indexed, calibration=calibration, fov_deg=fov_deg)
         answer = replace(to_experiences(answer, opened), fov=photo.fov)
         if self.around is not None:
             answer = self.around.refine(answer, opened, query=features, fov_deg=fov_deg, hide=hide)
@@ -172,19 +164,6 @@ class Look:
         if self.sightings is None:
             return None
         return DepthsExcluding(self.sightings, np.isin(self.opened.indexed.ids, [*hide]))
-
-
-def _at_other_focal_lengths(
-    answer: Answer, found: PlaceSearch, indexed: IndexedMap, *, calibration: Calibration, fov_deg: float
-) -> Answer:
-    """Consider that a photo whose field of view was guessed may be cropped."""
-    cropped = []
-    for other_deg in focal_lengths.narrower(fov_deg):
-        further = with_other_field_of_view(found, calibration=calibration, fov_deg=other_deg)
-        if further is None:
-            return answer
-        cropped.append(with_probabilities(indexed, further, calibration=calibration, top=_ALL))
-    return focal_lengths.average(answer, cropped, place_radius_px=indexed.place_radius_px)
 
 
 def _nothing_to_see(features: Features, reason: str, *, fov: FieldOfView) -> Answer:
