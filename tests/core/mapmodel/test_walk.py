@@ -1,6 +1,7 @@
 """The way through the photos of a map, for layouts with obvious answers."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -44,6 +45,13 @@ def test_without_times_there_is_no_order_by_time():
 def test_a_tour_follows_a_path_from_one_end_to_the_other():
     mixed = [path(40)[n] for n in np.random.default_rng(0).permutation(40)]
     assert plan_walk(mixed).by_place in (tuple(range(40)), tuple(range(39, -1, -1)))
+
+
+@pytest.mark.parametrize("lengths", [(10.0, 10.0, 30.0), (30.0, 10.0, 10.0)])
+def test_a_tour_begins_at_the_end_whose_name_is_first(lengths):
+    along = np.cumsum((0.0, *lengths))
+    stops = [Stop(9 - n, at, 0.0, name=f"{n:02}.jpg") for n, at in enumerate(along)]
+    assert plan_walk(stops).by_place == (9, 8, 7, 6)
 
 
 def test_a_tour_visits_the_floors_from_the_lowest():

@@ -86,11 +86,19 @@ def _tour_of_floors(stops: Iterable[Stop], *, after: Stop | None = None) -> list
     for floor in _floors(stops):
         ground = _ground(floor)
         last = tour[-1] if tour else after
-        # A tour begins at an end of the place, or near where one comes from.
-        away = np.hypot(*(ground - (ground.mean(0) if last is None else (last.east, last.north))).T)
-        start = int(away.argmax() if last is None else away.argmin())
+        start = _end(ground) if last is None else int(_distances(ground, (last.east, last.north)).argmin())
         tour += [floor[n] for n in _tour(ground, start)]
     return tour
+
+
+def _end(ground: NDArray[np.float64]) -> int:
+    """Return that of the two ends of a place whose photo is first by name: positions have that order."""
+    one = int(_distances(ground, ground.mean(0)).argmax())
+    return min(one, int(_distances(ground, ground[one]).argmax()))
+
+
+def _distances(ground: NDArray[np.float64], spot: NDArray[np.float64] | tuple[float, float]) -> NDArray[np.float64]:
+    return np.hypot(*(ground - spot).T)
 
 
 def _tour(ground: NDArray[np.float64], start: int) -> list[int]:
