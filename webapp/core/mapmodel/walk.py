@@ -98,7 +98,8 @@ def _end(ground: NDArray[np.float64]) -> int:
 
 
 def _distances(ground: NDArray[np.float64], spot: NDArray[np.float64] | tuple[float, float]) -> NDArray[np.float64]:
-    return np.hypot(*(ground - spot).T)
+    east, north = (ground - spot).T
+    return np.hypot(east, north)
 
 
 def _tour(ground: NDArray[np.float64], start: int) -> list[int]:
