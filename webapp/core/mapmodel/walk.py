@@ -97,7 +97,9 @@ def _end(ground: NDArray[np.float64]) -> int:
     return min(one, int(_distances(ground, ground[one]).argmax()))
 
 
-def _distances(ground: NDArray[np.float64], spot: NDArray[np.float64] | tuple[float, float]) -> NDArray[np.float64]:
+def _distances(
+    ground: NDArray[np.float64], spot: NDArray[np.float64] | tuple[float, float]
+) -> NDArray[np.float64]:
     east, north = (ground - spot).T
     return np.hypot(east, north)
 
