@@ -69,7 +69,10 @@ def test_a_failed_job_is_low_until_opened_and_its_words_are_whole(make_page):
     running = FAILED | {"kind": "satellite-tiles", "state": "running", "error": None, "map": edit.slug}
     jobs = [
         running | {"note": "fetching the tiles of the image"},
-        *({**FAILED, "id": 900 + n} for n in range(3)),
+        *(
+            FAILED | {"id": n, "kind": kind, "map": edit.slug}
+            for n, kind in enumerate(("export", "index"), 900)
+        ),
     ]
 
     def with_jobs(route):
