@@ -102,7 +102,27 @@ def test_a_path_whose_stamps_cannot_be_right_grows_with_the_recording(ros, tmp_p
     (piece,) = rosbag.read(m.bag(tmp_path / "a", messages), suffix=".db3", findings=findings)
     assert piece.poses.times_s.tolist() == [START + n for n in range(6)]
     assert piece.poses.xyz_m[:, 0].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
-    assert [one.reason for one in findings.doubts()] == [BAD_STAMP]
+    assert {one.reason: one.count for one in findings.doubts()} == {BAD_STAMP: 6}
+
+
+def test_a_growing_path_does_not_jump_back(ros, tmp_path):
+    m = ros(False)
+    poses = [m.stamped(START + 30.0 * n, m.pose(float(n))) for n in range(10)]
+    messages = [("/path", START + 30.0 * n, m.path(poses[: n + 1])) for n in range(10)]
+    findings = Findings()
+    (piece,) = rosbag.read(m.bag(tmp_path / "a", messages), suffix=".db3", findings=findings)
+    assert piece.poses.times_s.tolist() == [START + 30.0 * n for n in range(10)]
+    assert not findings.doubts()
+
+
+def test_poses_that_a_path_repeats_without_stamps_are_counted_once(ros, tmp_path):
+    m = ros(False)
+    poses = [m.stamped(0.0, m.pose(float(n))) for n in range(6)]
+    messages = [("/path", START + n, m.path(poses[: n + 1])) for n in range(6)]
+    findings = Findings()
+    (piece,) = rosbag.read(m.bag(tmp_path / "a", messages), suffix=".db3", findings=findings)
+    assert piece.poses.times_s.tolist() == [START + n for n in range(6)]
+    assert {one.reason: one.count for one in findings.doubts()} == {NO_STAMP: 6}
 
 
 def test_objects_have_the_time_of_the_recording_too(ros, tmp_path):

@@ -44,6 +44,9 @@ class TopicClock:
     trusts_stamps: bool = True
     last: dict[tuple[str, str], Stamp] = field(default_factory=dict)  # By frames, as of several robots
 
+    def trusts(self, stamp_s: float, recorded_s: float) -> bool:
+        return self.trusts_stamps and _is_possible(stamp_s, recorded_s)
+
     def time(
         self, stamp_s: float | None, recorded_s: float, *, frames: tuple[str, str], findings: Findings
     ) -> float:
@@ -51,7 +54,7 @@ class TopicClock:
         if stamp_s is None:
             findings.doubt(NO_STAMP, where=self.topic)
             return recorded_s
-        if not self.trusts_stamps or not _is_possible(stamp_s, recorded_s):
+        if not self.trusts(stamp_s, recorded_s):
             findings.doubt(BAD_STAMP, where=f"{self.topic}, {utc([stamp_s])[0][:10]}")
             return recorded_s
         before_s, before_recorded_s = self.last.get(frames, (stamp_s, recorded_s))

@@ -316,12 +316,12 @@ class _Log:
     def add(self, message: Any, at_s: float, *, findings: Findings) -> Iterator[Piece]:
         with _reading():
             rows = _POSES[self.kind](message, at_s)
+        if not rows and self.kind == _WORLD:
+            findings.skip("fixes marked invalid by the receiver", where=self.topic)
+        if self.kind == _PATH:
+            rows = self.fresh(rows, at_s)
         if self.kind != _POSE:
             rows = [self.timed(row, at_s, findings=findings) for row in rows]
-        if self.kind == _PATH:
-            rows = self.fresh(rows)
-        elif not rows and self.kind == _WORLD:
-            findings.skip("fixes marked invalid by the receiver", where=self.topic)
         for row in rows:
             if not all(map(math.isfinite, row.values[:4])):
                 findings.skip("poses with a time or a position that is not a number", where=self.topic)
@@ -341,11 +341,11 @@ class _Log:
         time_s = self.clock.time(stamp_s, at_s, frames=frames, findings=findings)
         return row if time_s == stamp_s else replace(row, values=(time_s, *row.values[1:]), stamped=False)
 
-    def fresh(self, rows: list[_RosPose]) -> list[_RosPose]:
+    def fresh(self, rows: list[_RosPose], at_s: float) -> list[_RosPose]:
         """Leave out poses that earlier paths had: found by their times, or without times by their number."""
-        stamped = bool(rows) and all(row.stamped for row in rows)
+        stamped = bool(rows) and all(row.stamped and self.clock.trusts(row.values[0], at_s) for row in rows)
         new = [row for row in rows if row.values[0] > self.last_s] if stamped else rows[self.count :]
-        self.last_s = max([self.last_s, *(row.values[0] for row in new)])
+        self.last_s = max([self.last_s, *(row.values[0] for row in new if stamped)])
         self.count = max(self.count, len(rows))
         return new
 
