@@ -24,6 +24,9 @@ _APART_S = 3600.0
 _JUMP_S = 60.0
 """Change of the time between stamp and recording from one message to the next, of stamps that jump."""
 
+_LEAST_JUMPS = 3
+"""Fewer are single odd stamps, each of which makes two, or a clock that was set."""
+
 NO_STAMP = "messages without a time stamp, which have the time of their recording"
 BAD_STAMP = "messages whose time stamp cannot be right, which have the time of their recording"
 BACK = "time stamps that jump back, while the recording goes on"
@@ -73,7 +76,7 @@ def clock_of(topic: str, series: Sequence[Sequence[Stamp]], *, findings: Finding
     steps = [abs((b[0] - b[1]) - (a[0] - a[1])) for one in series for a, b in pairwise(one)]
     possible = sum(_is_possible(*stamp) for stamp in stamps)
     jumping = sum(step > _JUMP_S for step in steps)
-    if 2 * possible < len(stamps) or 2 * jumping > len(steps):
+    if 2 * possible < len(stamps) or (jumping >= _LEAST_JUMPS and 2 * jumping > len(steps)):
         return TopicClock(topic, trusts_stamps=False)
     usual = statistics.median(ahead)
     if abs(usual) > _APART_S:
