@@ -206,13 +206,9 @@ class Dot(NamedTuple):
     floor: int = 0
 
 
-def first_photos(session: Session, record: MapRecord, *, most: int, placed: bool = False) -> list[Photo]:
-    """List the photos that a page shows first: those in the tray, then the others, each by time.
-
-    Args:
-        placed: Whether to list only photos with a position.
-    """
-    found = select(Photo).where(*_present(record, placed=placed))
+def first_photos(session: Session, record: MapRecord, *, most: int) -> list[Photo]:
+    """List the photos that a page shows first: those in the tray, then the others, each by time."""
+    found = select(Photo).where(*_present(record, placed=False))
     order = (Photo.x_px.is_not(None), Photo.taken_at.is_(None), Photo.taken_at, Photo.name, Photo.id)
     return list(session.scalars(found.order_by(*order).limit(most)))
 
@@ -220,13 +216,17 @@ def first_photos(session: Session, record: MapRecord, *, most: int, placed: bool
 def photos_after(
     session: Session, record: MapRecord, id: int, *, most: int, placed: bool = False
 ) -> list[Photo]:
-    """List the photos after an id, except removed ones, sorted by id; `placed` as for `first_photos`."""
+    """List the photos after an id, except removed ones, sorted by id.
+
+    Args:
+        placed: Whether to list only photos with a position.
+    """
     found = select(Photo).where(*_present(record, placed=placed), Photo.id > id)
     return list(session.scalars(found.order_by(Photo.id).limit(most)))
 
 
 def dots(session: Session, record: MapRecord, *, placed: bool = False) -> list[Dot]:
-    """List the dots of all photos, except removed ones, sorted by id; `placed` as for `first_photos`."""
+    """List the dots of all photos, except removed ones, sorted by id; `placed` as for `photos_after`."""
     columns = select(Photo.id, Photo.x_px, Photo.y_px, Photo.heading_deg, Photo.fov_deg, Photo.floor)
     rows = session.execute(columns.where(*_present(record, placed=placed)).order_by(Photo.id))
     return [Dot._make(row) for row in rows]

@@ -62,14 +62,17 @@ def timeline() -> str:
         )
 
 
-def walk_json(walk: Walk) -> dict[str, Any]:
+def walk_json(walk: Walk, *, times: bool = True) -> dict[str, Any]:
     """Return a walk for pages.
+
+    Args:
+        times: Whether the order in which the photos were taken may be known.
 
     Returns:
         `by_time`, `by_place`: ids; `steps`: by id, lists of id, bearing, and 1 for a turn on the spot.
     """
     return {
-        "by_time": walk.by_time,
+        "by_time": walk.by_time if times else (),
         "by_place": walk.by_place,
         "steps": {
             id: [[step.id, round(step.bearing_deg, 1), int(not step.distance)] for step in steps]

@@ -89,7 +89,7 @@ def _page(token: str, *, framed: bool, walks: bool = True) -> _Page:
         "sharing/shared_view.html" if stops else "sharing/shared_map.html",
         opened=opened,
         state=state,
-        walk=walk_json(walk_along(stops)) if stops else None,
+        walk=walk_json(walk_along(stops), times=opened.share.originals) if stops else None,
         can_walk=can_walk,
         written=written_facts(),
         services=offered_layers(to_visitors=True) if state["georeference"] else (),
