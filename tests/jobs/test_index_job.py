@@ -78,6 +78,12 @@ def test_photos_added_from_answers_are_real_queries(library, quick, queue, row):
     with library.database.write() as session:
         session.get(MapRecord, row).uses_adopted = False
     assert calibrated(library, quick, queue, row) == 0
+    with library.database.write() as session:
+        record = session.get(MapRecord, row)
+        session.get_one(Photo, (row, 2)).removed = True
+        latest = QueryRecord(name="a.jpg", file="5.jpg", at=before, **fields)
+        forgotten = queries.add(session, record, row=latest, most=1)
+        assert [old.adopted_id for old in forgotten] == [None, 2], "its photo was removed"
 
 
 def test_a_list_of_real_queries_counts_in_the_job(library, quick, queue, row):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from statistics import median
 
-from sqlalchemy import func, select
+from sqlalchemy import func, or_, select
 from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound
@@ -30,13 +30,15 @@ def add(session: Session, record: MapRecord, *, row: QueryRecord, most: int) -> 
 
     Returns:
         Older answers, now deleted; the caller can delete their files. Shared answers are kept, and those
-            whose photo is on the map.
+            whose photo was added to the map and has not been removed from it.
     """
     row.map_id = record.id
     session.add(row)
     session.flush()
     shared = select(Share.query_id).where(Share.map_id == record.id, Share.query_id.is_not(None))
-    passing = (QueryRecord.adopted_id.is_(None), QueryRecord.id.not_in(shared))
+    there = select(Photo.id).where(Photo.map_id == record.id, ~Photo.removed)
+    not_on_map = or_(QueryRecord.adopted_id.is_(None), QueryRecord.adopted_id.not_in(there))
+    passing = (not_on_map, QueryRecord.id.not_in(shared))
     newest_first = (
         select(QueryRecord).where(QueryRecord.map_id == record.id, *passing).order_by(QueryRecord.id.desc())
     )
