@@ -107,8 +107,16 @@ def test_the_owner_says_what_the_map_is(client, stranger, share, walked):
     with zipfile.ZipFile(io.BytesIO(client.get(f"/api/v1/maps/{walked}/export.zip").data)) as exported:
         (name,) = (one for one in exported.namelist() if one.endswith("map.json"))
         assert json.loads(exported.read(name))["description"] == "The park in May."
-    client.post(f"/maps/{walked}/settings/name", data={"name": "Park"})
-    assert client.get(f"/api/v1/maps/{walked}").json["description"] is None
+    revision = client.get(f"/api/v1/maps/{walked}").json["revision"]
+    for sent, kept, revisions in (
+        ({"name": "Park"}, "The park in May.", 0),
+        (said, "The park in May.", 0),
+        ({"name": "Wood", "description": "Ash."}, "Ash.", 1),
+        ({"name": "Wood", "description": ""}, None, 2),
+    ):
+        assert client.post(f"/maps/{walked}/settings/name", data=sent).status_code == 303
+        state = client.get(f"/api/v1/maps/{walked}").json
+        assert (state["description"], state["revision"]) == (kept, revision + revisions)
 
 
 def test_a_description_that_is_too_long_is_refused(client, walked):

@@ -62,32 +62,34 @@ def checked_name(name: str) -> str:
     return tidy
 
 
-def rename(record: MapRecord, name: str) -> None:
-    """Rename a map; this is a new revision, as its files contain the name, too.
+def rename(record: MapRecord, name: str, *, description: str | None = None) -> None:
+    """Rename a map; this is a new revision if something differs, as its files contain the name, too.
+
+    Args:
+        description: What the map is, for visitors; empty for none. None keeps it.
 
     Raises:
-        UsageError: The name is empty or too long.
+        UsageError: The name is empty or too long, or the description is too long or not printable.
     """
-    record.name = checked_name(name)
+    wanted = (
+        checked_name(name),
+        record.description if description is None else _checked_description(description),
+    )
+    if wanted == (record.name, record.description):
+        return
+    record.name, record.description = wanted
     record.revision += 1
     record.changed_at = now()
 
 
-def describe(record: MapRecord, text: str) -> None:
-    """Write what a map is, for visitors; an empty text removes it. A new revision, as by `rename`.
-
-    Raises:
-        UsageError: The text is too long, or not printable.
-    """
+def _checked_description(text: str) -> str | None:
     tidy = " ".join(text.split())
     if DESCRIPTION.problem(tidy):
         raise UsageError(
             "this is not a valid description of a map",
             hint=f"give one line of at most {DESCRIPTION.most} printable characters",
         )
-    record.description = tidy or None
-    record.revision += 1
-    record.changed_at = now()
+    return tidy or None
 
 
 def find(session: Session, slug: str, *, account: Account, role: Role = "viewer") -> MapRecord:
