@@ -19,7 +19,8 @@ from flask_babel import gettext
 from webapp.core.hypotheses.jsonform import answer_from_json
 from webapp.core.hypotheses.places import MAP_KINDS
 from webapp.core.hypotheses.verdict import Verdict, sentence_parts, verdict_of
-from webapp.errors import Cancelled, ExpMapError
+from webapp.errors import ExpMapError
+from webapp.progress import Progress
 from webapp.render.colours import INK, INLIER, OUTLIER, RGB, TRUTH, probability_colour, text_on
 from webapp.tasks.localize.upload import Send
 from webapp.threads import ContextThreads
@@ -179,14 +180,23 @@ def answer_or_events(
     return _stream(find_in_thread, form)
 
 
+class _Client(Progress):
+    """Stops the work once the client has gone."""
+
+    def __init__(self) -> None:
+        self.gone = Event()
+
+    def cancelled(self) -> bool:
+        return self.gone.is_set()
+
+
 def _stream(find: Callable[[Send], dict[str, Any]], form: Schema) -> Response:
     """Send the events of `find`, then `answer` or `error`; an error before the first event is raised."""
     events: SimpleQueue[tuple[str, dict[str, Any]] | Future[dict[str, Any]]] = SimpleQueue()
-    gone = Event()
+    client = _Client()
 
     def send(kind: str, data: dict[str, Any]) -> None:
-        if gone.is_set():
-            raise Cancelled("stopped; what was finished is kept")
+        client.check()
         events.put((kind, data))
 
     threads = ContextThreads(1)
@@ -198,7 +208,7 @@ def _stream(find: Callable[[Send], dict[str, Any]], form: Schema) -> Response:
         begun.result()  # raises the error, if it is one
     pieces = stream_with_context(_events(chain([begun], iter(events.get, None)), form))
     response = Response(PiecesWhileAllowed(pieces), mimetype=EVENT_STREAM)
-    response.call_on_close(gone.set)
+    response.call_on_close(client.gone.set)
     response.headers["X-Accel-Buffering"] = "no"  # prevents nginx from buffering events
     response.headers["Cache-Control"] = "no-store"
     return response
