@@ -107,23 +107,28 @@ def answers(
     return list(session.scalars(found.order_by(QueryRecord.id)))
 
 
-def adopted(session: Session, record: MapRecord) -> list[tuple[int, int]]:
+def adopted(session: Session, record: MapRecord) -> list[tuple[Photo, QueryRecord, int]]:
     """List the photos on a map that were queries before; none if the map does not use them.
 
     Returns:
-        By id; with each, the id from which on photos were added after the answer.
+        By id; with each, its answer, and the id from which on photos were added after that.
     """
     if not record.uses_adopted:
         return []
     newer = select(func.min(Photo.id)).where(Photo.map_id == record.id, Photo.uploaded_at >= QueryRecord.at)
     placed = (Photo.map_id == record.id, Photo.x_px.is_not(None), ~Photo.removed)
     found = session.execute(
-        select(Photo.id, newer.correlate(QueryRecord).scalar_subquery())
+        select(Photo, QueryRecord, newer.correlate(QueryRecord).scalar_subquery())
         .join(QueryRecord, QueryRecord.adopted_id == Photo.id)
         .where(QueryRecord.map_id == record.id, *placed)
         .order_by(Photo.id, QueryRecord.id.desc())
     )
-    return [*{id: (id, record.next_id if newer is None else newer) for id, newer in found}.values()]
+    return [
+        *{
+            photo.id: (photo, query, record.next_id if newer is None else newer)
+            for photo, query, newer in found
+        }.values()
+    ]
 
 
 def names(session: Session, rows: list[QueryRecord]) -> dict[int, str]:
