@@ -18,13 +18,14 @@ from xml.etree import ElementTree
 import pytest
 
 from webapp.app import main as program
+from webapp.connect.tak import command
 from webapp.connect.tak.events import UNKNOWN_M, CotEvent, to_protobuf, to_stream, to_xml
 from webapp.connect.tak.feed import from_protobuf, from_xml
 from webapp.connect.tak.incoming import Incoming
 from webapp.connect.tak.link import TakLink
 from webapp.connect.tak.mission import mission_events
 from webapp.core.geo.types import LatLon
-from webapp.errors import InputError, TrackError, UsageError
+from webapp.errors import DatabaseUnavailable, InputError, TrackError, UsageError
 from webapp.missions.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
 from webapp.missions.core.trajectory.records import make_poses
 
@@ -281,7 +282,7 @@ def test_positions_become_poses_and_markers_objects_once():
         replace(EVENT, uid="other"),  # The same callsign
         replace(EVENT, time_s=EVENT.time_s + 5.0, how="h-e"),
     ]
-    pose, found, other, later = incoming.records(events)
+    pose, found, other, later = incoming.records(events, now_s=EVENT.time_s)
     assert {**pose, "covariance": None} == {
         "type": "pose", "source": "gps", "time": EVENT.time_s, "lat": 50.0, "lon": -14.5, "height_m": 210.0,
         "heading_deg": 90.0, "covariance": None, "track": pose["track"],
@@ -291,7 +292,45 @@ def test_positions_become_poses_and_markers_objects_once():
     assert (found["class"], found["id"][:5], "covariance" in found) == ("marker", "Bag (", False)
     assert (later["source"], later["track"]) == ("manual", pose["track"])
     assert incoming.left_out == {"u-d-f": 1, "a-f-G": 1}
-    assert [*Incoming(own="mine.", newest={pose["track"]: EVENT.time_s}).records([EVENT])] == []
+    assert [
+        *Incoming(own="mine.", newest={pose["track"]: EVENT.time_s}).records([EVENT], now_s=EVENT.time_s)
+    ] == []
+
+
+def test_a_time_in_the_future_keeps_nothing_out():
+    incoming = Incoming(own="mine.", newest={})
+    events = [replace(EVENT, time_s=EVENT.time_s + 1e9), EVENT]
+    assert [found["time"] for found in incoming.records(events, now_s=EVENT.time_s)] == [EVENT.time_s]
+    assert incoming.left_out == {"times in the future": 1}
+
+
+def test_what_senders_choose_is_neither_printed_as_it_is_nor_counted_without_end():
+    incoming = Incoming(own="mine.", newest={})
+    events = [replace(EVENT, uid=str(n), type=f"\x1b]0;{n}") for n in range(200)]
+    assert [*incoming.records(events, now_s=EVENT.time_s)] == []
+    assert len(incoming.left_out) == 51 and incoming.left_out["other types"] == 150
+    assert all(reason.isprintable() for reason in incoming.left_out)
+
+
+def test_a_busy_database_is_waited_for(search, monkeypatch):
+    answers = iter([DatabaseUnavailable("the database is busy", wait_s=1.0), {"stored": 1}])
+
+    def store(*_, **__):
+        if isinstance(found := next(answers), Exception):
+            raise found
+        return found
+
+    monkeypatch.setattr(command, "store_keyed_batch", store)
+    monkeypatch.setattr(command.time, "sleep", lambda _: None)
+    assert command._store(None, search, [{"type": "pose"}]) == 1
+
+
+def test_only_what_changed_is_sent_again():
+    content = command._content
+    still = replace(EVENT, start_s=EVENT.time_s)
+    assert content(still) == content(replace(still, time_s=9e9, start_s=9e9, stale_s=9.1e9))
+    for change in ({"course_deg": 91.0}, {"height_m": 211.0}, {"radius_m": 4.0}, {"start_s": 1.0}):
+        assert content(replace(EVENT, **change)) != content(EVENT)
 
 
 class Interrupt:

@@ -76,7 +76,7 @@ def test_the_map_and_its_3d_view_lead_to_each_other(stranger, share):
     page, _api, shared = share()
     on_map, in_3d = stranger.get(shared["url"]).text, stranger.get(page).text
     path = page[page.index("/s/") :]
-    assert f'href="{path}"' in on_map and f'href="{path.removesuffix("/landmarks")}"' in in_3d
+    assert f'href="{path}"' in on_map and f'href="{path.replace("/landmarks", "/map")}"' in in_3d
     assert path not in stranger.get(shared["url"].replace("/s/", "/embed/")).text
 
 
@@ -273,6 +273,6 @@ def test_models_name_a_blurred_photo_by_what_is_not_blurred_in_it(client, seen, 
     assert names_of({"0-0.jpg": photo}) == {content: "0-0.jpg"}
 
 
-def test_the_settings_offer_it_where_there_are_landmarks(client, seen, new_map, owner):
-    assert "data-in3d" in client.get(f"/maps/{seen.slug}/settings").text
-    assert "data-in3d" not in client.get(f"/maps/{new_map(owner, name='Bare')}/settings").text
+def test_the_dialog_offers_it_where_there_are_landmarks(client, seen, new_map, owner):
+    assert client.get(f"/api/v1/maps/{seen.slug}/shares").json["in_3d"] is True
+    assert client.get(f"/api/v1/maps/{new_map(owner, name='Bare')}/shares").json["in_3d"] is False

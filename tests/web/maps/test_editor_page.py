@@ -66,7 +66,7 @@ def test_who_may_only_look_finds_no_tools(library, sign_in, new_account, slug):
         accounts.set_member_role(session, record, account=accounts.named(session, "Guest"), role="viewer")
     text = sign_in(guest).get(f"/maps/{slug}/edit").get_data(as_text=True)
     assert '"can_edit": false' in text
-    assert re.search(r'<input class="ed-file" hidden id="photo-input"', text)
+    assert re.search(r'<div class="ed-group" hidden>\s*<input class="ed-file" id="photo-input"', text)
 
 
 def test_a_map_of_others_is_not_found(sign_in, new_account, slug):

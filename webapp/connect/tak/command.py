@@ -9,6 +9,7 @@ import socket
 import time
 import uuid
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 from typing import Any, TypeVar
@@ -21,7 +22,7 @@ from webapp.connect.tak.feed import TakFeed
 from webapp.connect.tak.incoming import Incoming, newest_times
 from webapp.connect.tak.link import TakLink
 from webapp.connect.tak.mission import data_package, mission_events
-from webapp.errors import InputError
+from webapp.errors import InputError, RetryLater
 from webapp.files.atomic import write_bytes
 from webapp.missions.store import reading
 from webapp.missions.tasks.store_batch import store_keyed_batch
@@ -137,7 +138,7 @@ def receive(
             nonlocal stored
             try:
                 for events in feed.batches():
-                    stored += _store(place, mission, list(incoming.records(events)))
+                    stored += _store(place, mission, list(incoming.records(events, now_s=time.time())))
             finally:
                 incoming.left_out["unreadable"] += feed.unreadable
 
@@ -161,16 +162,21 @@ def _store(place: Library, mission: int, records: list[dict[str, Any]]) -> int:
     if not records:
         return 0
     key = f"tak:{hashlib.sha256(json.dumps(records, sort_keys=True).encode()).hexdigest()}"
-    answer = store_keyed_batch(place, mission, records=records, key=key, keep=_KEEP_KEYS)
-    stored: int = answer["stored"]
-    return stored
+    while True:
+        try:
+            answer = store_keyed_batch(place, mission, records=records, key=key, keep=_KEEP_KEYS)
+        except RetryLater as error:
+            click.echo(f"{error}; trying again", err=True)
+            time.sleep(1.0)
+        else:
+            return int(answer["stored"])
 
 
 def _follow(
     connect: Callable[[], TakLink], events: Callable[[], list[CotEvent]], *, every_s: float, again_s: float
 ) -> int:
     """Send what changed, and everything before it would go stale; return the number of items sent."""
-    sent: dict[str, tuple[tuple[object, ...], float]] = {}
+    sent: dict[str, tuple[CotEvent, float]] = {}
     count = 0
 
     def take(link: TakLink) -> None:
@@ -179,8 +185,8 @@ def _follow(
         while True:
             now = time.monotonic()
             for event in events():
-                content = (event.latlon, event.start_s, event.callsign, event.remarks)
-                known, at = sent.get(event.uid, ((), 0.0))
+                content = _content(event)
+                known, at = sent.get(event.uid, (None, 0.0))
                 if content != known or now - at >= again_s:
                     count += link.send([event])
                     sent[event.uid] = content, now
@@ -188,6 +194,12 @@ def _follow(
 
     _until_interrupted(connect, take)
     return count
+
+
+def _content(event: CotEvent) -> CotEvent:
+    """Return an event without the times that differ at each poll: tracks without times begin now."""
+    start_s = 0.0 if event.start_s == event.time_s else event.start_s
+    return replace(event, time_s=0.0, start_s=start_s, stale_s=0.0)
 
 
 _Connection = TypeVar("_Connection", TakLink, TakFeed)

@@ -10,6 +10,7 @@ import struct
 import time
 from collections.abc import Iterator
 from io import BytesIO
+from itertools import islice
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -24,6 +25,8 @@ EVERY_S = 1.0
 _PING_S = 30.0
 _MOST_BYTES = 1 << 20
 """Maximum size of one event; those of ATAK with drawings stay below 100 kB."""
+_MOST_DATAGRAMS = 1000
+"""Maximum number of datagrams at once; the system drops what comes faster than they are stored."""
 _END = b"</event>"
 
 
@@ -81,7 +84,7 @@ class TakFeed:
                     raise InputError("an event has no end", where=self._address, hint="is it a TAK server?")
                 messages = [message + _END for message in messages]
             else:
-                messages = list(self._received())
+                messages = self._datagrams()
             yield list(self._read(messages))
 
     def _read(self, messages: list[bytes]) -> Iterator[CotEvent]:
@@ -110,6 +113,14 @@ class TakFeed:
                 break
             parts.append(part)
         return b"".join(parts)
+
+    def _datagrams(self) -> list[bytes]:
+        found: list[bytes] = []
+        for data in islice(self._received(), _MOST_DATAGRAMS):
+            found.append(data)
+            if sum(map(len, found)) > _MOST_BYTES:
+                break
+        return found
 
     def _received(self) -> Iterator[bytes]:
         until = time.monotonic() + EVERY_S

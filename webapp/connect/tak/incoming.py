@@ -21,6 +21,11 @@ _OBJECTS = {
 }
 """Classes of objects by the beginning of the type."""
 
+_AHEAD_S = 300.0
+"""How far the clock of a device may be ahead; a later time would keep out what it sends from then on."""
+
+_MOST_REASONS = 50
+
 
 class Incoming:
     """Turns events into records, each position and each marker once.
@@ -32,9 +37,9 @@ class Incoming:
 
     def __init__(self, own: str, newest: dict[str, float]) -> None:
         self._own, self._newest = own, newest
-        self.left_out: Counter[str] = Counter()  # By type: what a mission has no place for
+        self.left_out: Counter[str] = Counter()  # By reason, or by type what a mission has no place for
 
-    def records(self, events: Iterable[CotEvent]) -> Iterator[dict[str, Any]]:
+    def records(self, events: Iterable[CotEvent], *, now_s: float) -> Iterator[dict[str, Any]]:
         """Yield the records of events, as `batch.parse` reads them."""
         for event in events:
             if event.uid.startswith(self._own) or event.type.startswith("t-"):
@@ -43,11 +48,19 @@ class Incoming:
             if event.time_s <= self._newest.get(name, -math.inf):
                 continue
             record = _record(event, name)
-            if record is None:
-                self.left_out[event.type] += 1
-                continue
-            self._newest[name] = event.time_s
-            yield record
+            if event.time_s > now_s + _AHEAD_S:
+                self.left_out["times in the future"] += 1
+            elif record is None:
+                self._leave_out(event.type)
+            else:
+                self._newest[name] = event.time_s
+                yield record
+
+    def _leave_out(self, type_: str) -> None:
+        """Count a type, which any sender may have chosen."""
+        reason = "".join(filter(str.isprintable, type_))[:40]
+        known = reason in self.left_out or len(self.left_out) < _MOST_REASONS
+        self.left_out[reason if known else "other types"] += 1
 
 
 def newest_times(mission: MissionExport) -> dict[str, float]:
