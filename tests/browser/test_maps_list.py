@@ -191,3 +191,15 @@ def test_a_long_list_is_sorted_as_a_whole(page, many_maps):
     names = page.locator("#maps > [data-slug]").evaluate_all("cards => cards.map(c => c.dataset.name)")
     rows = [name for name in names if name.startswith("Row ")]
     assert rows == [f"Row {number:02}" for number in range(60)]
+
+
+def test_a_photo_that_the_browser_cannot_show_leaves_words_in_its_place(page, tmp_path):
+    heic = tmp_path / "photo.heic"
+    heic.write_bytes(b"\0\0\0\x18ftypheic")
+    page.context.watch.expect(422)  # it is no photo
+    page.goto("/")
+    page.get_by_test_id("find-photo").click()
+    page.get_by_test_id("find-input").set_input_files(heic)
+    dialog = page.get_by_role("dialog")
+    expect(dialog).to_contain_text("This photo cannot be shown.")
+    expect(dialog.locator("img")).to_have_count(0)

@@ -62,6 +62,45 @@ def test_jobs_are_slim_lines_and_messages_are_over_the_image(make_page):
         assert not overlap(message.bounding_box(), page.locator(part).bounding_box()), part
 
 
+def test_a_failed_job_is_low_until_opened_and_its_words_are_whole(make_page):
+    edit = make_page(2, placed=True)
+    page = edit.page
+    page.set_viewport_size(WIDE)
+    running = FAILED | {"kind": "satellite-tiles", "state": "running", "error": None, "map": edit.slug}
+    jobs = [
+        running | {"note": "fetching the tiles of the image"},
+        *(
+            FAILED | {"id": n, "kind": kind, "map": edit.slug}
+            for n, kind in enumerate(("export", "index"), 900)
+        ),
+    ]
+
+    def with_jobs(route):
+        answer = route.fetch()
+        route.fulfill(response=answer, json=answer.json() | {"jobs": jobs})
+
+    page.route(re.compile(r"[?&]since="), with_jobs)
+    name = page.locator("[data-kind=satellite-tiles] strong")
+    expect(name).to_be_visible()
+    assert name.evaluate("e => e.scrollWidth <= e.clientWidth && getComputedStyle(e).whiteSpace") == "normal"
+    assert page.locator("#activity").bounding_box()["height"] <= 97
+    page.locator(".ed-activity__fold").click()
+    assert page.locator("#activity").bounding_box()["height"] > 120
+
+
+def test_the_menu_of_the_header_is_above_a_dialog_over_the_photo(make_page):
+    page = make_page(2, placed=True).page
+    page.set_viewport_size(WIDE)
+    page.locator("#add-menu summary").click()
+    page.locator("#plan-button").click()
+    expect(page.locator(".ed-dialog--beside")).to_be_visible()
+    page.locator(".header .menu summary").last.click()
+    out = page.get_by_role("button", name="Sign out")
+    on_top = """e => { const {x, y, width, height} = e.getBoundingClientRect();
+        return e.contains(document.elementFromPoint(x + width / 2, y + height / 2)); }"""
+    assert out.evaluate(on_top)
+
+
 def test_a_card_shows_the_whole_map_and_two_lines_of_its_name(page, api, sample_folder):
     name = "A map with a name that is much longer than any card is wide " * 2
     slug = api.make_map(name[:118].strip(), satellite=sample_folder / "satellite.png")
@@ -96,3 +135,13 @@ def test_on_a_phone_the_first_map_is_in_sight(page, sample_map):
     page.goto("/")
     first = page.locator(".map-card__picture").first.bounding_box()
     assert first["y"] + first["height"] < 844
+
+
+@pytest.mark.parametrize("width", [320, 390, 560, 640, 683, 800, 959, 961, 1366])
+def test_the_name_of_a_map_keeps_its_room_in_the_header(page, api, sample_folder, width):
+    slug = api.make_map(f"A map with quite a long name {width}", satellite=sample_folder / "satellite.png")
+    page.set_viewport_size({"width": width, "height": 700})
+    page.goto(f"/maps/{slug}/settings")
+    assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+    assert page.locator(".header__map").bounding_box()["width"] >= 80
+    expect(page.locator(".header summary").last).to_be_in_viewport(ratio=1)

@@ -1,5 +1,6 @@
 """A map is walked through: by keys, along arrows, from a link, and by visitors of a share."""
 
+import json
 import re
 
 import pytest
@@ -10,6 +11,7 @@ from tests.browser import axe
 from tests.browser.polling import until
 
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+TALL = "image => image.naturalHeight / image.naturalWidth"
 LOADED = "document.getElementById('photo-image').naturalWidth > 0"
 
 
@@ -66,7 +68,9 @@ def test_a_link_opens_its_photo(page, sample_map, api):
 
 def test_the_photo_fills_the_screen_by_a_key(view):
     view.keyboard.press("f")
-    expect(view.get_by_role("button", name="Full screen")).to_have_attribute("aria-pressed", "true")
+    button = view.get_by_role("button", name="Full screen")
+    expect(button).to_have_attribute("aria-pressed", "true")
+    expect(button.locator("use")).to_have_attribute("href", re.compile("#unfit$"))
     view.keyboard.press("ArrowRight")
     assert place(view) == 2
     view.keyboard.press("f")
@@ -110,6 +114,52 @@ def test_visitors_walk_too_and_localize_where_they_may(open_context, share):
     expect(visitor.get_by_test_id("query-input")).to_be_attached()
     visitor.get_by_role("link", name="View").click()
     until(visitor, LOADED)
+
+
+def test_the_arrows_of_an_upright_phone_are_in_the_picture(open_context, owner, sample_map):
+    phone = open_context(storage_state=owner, **PHONE).new_page()
+    phone.goto(f"/maps/{sample_map}/view")
+    until(phone, LOADED)
+    phone.get_by_role("button", name="Full screen").tap()
+    expect(phone.locator(".is-whole")).to_be_attached()
+    frame = phone.locator("#photo-frame").bounding_box()
+    tall = phone.locator("#photo-image").evaluate(TALL)
+    end = frame["y"] + (frame["height"] + tall * frame["width"]) / 2
+    assert end < frame["height"] - 100
+    for arrow in phone.get_by_test_id("steps").get_by_role("button").all():
+        box = arrow.bounding_box()
+        assert box["y"] + box["height"] <= end + 1
+
+
+def test_the_order_is_in_the_address_and_a_reload_keeps_it(page, api, sample_map):
+    ids = [photo["id"] for photo in api.state(sample_map)["photos"]]
+    timed = {"by_time": ids, "by_place": ids[::-1], "steps": {}}
+
+    def with_times(route):
+        answer = route.fetch()
+        text = re.sub(r'(id="walk">).*?(</script>)', lambda m: m[1] + json.dumps(timed) + m[2], answer.text())
+        route.fulfill(response=answer, body=text)
+
+    page.route("**/view*", with_times)
+    page.goto(f"/maps/{sample_map}/view")
+    page.get_by_role("button", name="By place").click()
+    expect(page).to_have_url(re.compile("order=place"))
+    page.keyboard.press("Home")
+    expect(page).to_have_url(re.compile(f"photo={ids[-1]}"))
+    page.reload()
+    expect(page.get_by_role("button", name="By place")).to_have_attribute("aria-pressed", "true")
+    assert place(page) == 1
+    page.get_by_role("button", name="By time").click()
+    expect(page).not_to_have_url(re.compile("order="))
+
+
+def test_a_photo_whose_name_a_share_leaves_out_has_no_other(open_context, share):
+    visitor = open_context().new_page()
+    visitor.goto(share())
+    until(visitor, LOADED)
+    expect(visitor.locator("#photo-name")).to_be_empty()
+    expect(visitor.get_by_test_id("place-in-order")).to_contain_text("1 of")
+    expect(visitor.get_by_test_id("strip").get_by_role("option").first).not_to_contain_text("Photo")
 
 
 def test_a_swipe_goes_to_the_next_photo(open_context, owner, sample_map):

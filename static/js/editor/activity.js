@@ -200,7 +200,7 @@ function isOutside(store, id) {
   return !isInside([photo.gps.x_px, photo.gps.y_px], satellite);
 }
 
-/** The button that folds the card; on a phone it starts folded to leave the image visible. */
+/** The button that folds the card, which starts folded to leave what is around it visible. */
 function foldButton(card) {
   const button = h("button", { class: "icon-button ed-activity__fold", type: "button", "aria-controls": "activity" }, icon("chevron-down"));
   const fold = (folded) => {
@@ -209,7 +209,7 @@ function foldButton(card) {
     button.setAttribute("aria-label", folded ? t("Show more") : t("Show less"));
   };
   button.addEventListener("click", () => fold(!card.classList.contains("is-folded")));
-  fold(matchMedia("(max-width: 47.99rem)").matches);
+  fold(true);
   return button;
 }
 

@@ -33,8 +33,10 @@ export function findPhoto() {
 
 async function search(file, results, error) {
   error.show(null);
-  const picture = h("img", { class: "find-photo", src: URL.createObjectURL(file), alt: file.name });
-  picture.addEventListener("error", () => picture.remove()); // format unknown to this browser
+  const image = h("img", { class: "find-photo", src: URL.createObjectURL(file), alt: file.name });
+  const picture = h("div", {}, image);
+  // format unknown to this browser
+  image.addEventListener("error", () => picture.replaceChildren(h("p", { class: "small soft" }, t("This photo cannot be shown."))));
   const bar = /** @type {HTMLProgressElement} */ (h("progress", { class: "progress", "aria-label": t("Searching the maps") }));
   const said = h("p", { class: "small soft" });
   const words = new WaitingWords(said, bar);

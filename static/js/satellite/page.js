@@ -5,7 +5,7 @@ import { tn } from "../shared/i18n.js";
 import { keepNotes, takeNotes } from "../shared/kept-notes.js";
 import { sentence } from "../shared/toast.js";
 
-/** Data of the page: `slug`, `revision`, `satellite`, `earth`, `services`, `photos`, `placed`, `canEdit`. */
+/** Data of the page: `slug`, `revision`, `satellite`, `earth`, `services`, `photos`, `placed`, `failure`, `canEdit`. */
 export const page = JSON.parse(document.getElementById("page").textContent);
 
 /** Address of this map in the API. */

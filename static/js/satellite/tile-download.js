@@ -5,7 +5,7 @@ import { busy } from "../shared/dialogs.js";
 import { byId, h, icon, queryAll } from "../shared/dom.js";
 import { metresText } from "../shared/format.js";
 import { duration, locale, t, tn } from "../shared/i18n.js";
-import { showLastFailure } from "../shared/job-failure.js";
+import { failureNote, isDismissed } from "../shared/job-failure.js";
 import { queuedText } from "../shared/job-list.js";
 import { toastError } from "../shared/toast.js";
 import { cut } from "./mercator.js";
@@ -34,7 +34,7 @@ export class TilesPanel {
     this.slippy = null;
     this.job = null;
     this._goTo();
-    showLastFailure(byId("notes"), page.slug, ["satellite-tiles"]).catch(toastError);
+    if (page.failure && !isDismissed(page.failure.id)) byId("notes").after(failureNote(page.failure));
     goHere(byId("tile-here"), () => this.slippy?.map);
     byId("tile-service").addEventListener("change", () => this._service());
     byId("tile-view").addEventListener("click", () => this.rectangle.ofView());

@@ -12,7 +12,7 @@ import { loadDetails } from "../shared/map/photo-details.js";
 import { PhotoDots } from "../shared/map/photo-dots.js";
 import { singleKeys } from "../shared/single-keys.js";
 import { toastError } from "../shared/toast.js";
-import { photoInAddress, writeAddress } from "./address.js";
+import { orderInAddress, photoInAddress, writeAddress } from "./address.js";
 import { PhotoFrame } from "./photo.js";
 import { Steps } from "./steps.js";
 import { Strip } from "./strip.js";
@@ -24,7 +24,7 @@ if (document.getElementById("view")) begin();
 function begin() {
   const state = JSON.parse(byId("state").textContent);
   const store = new MapStore(state);
-  const walk = new Walk(store, JSON.parse(byId("walk").textContent));
+  const walk = new Walk(store, JSON.parse(byId("walk").textContent), orderInAddress());
   const view = new MapView(byId("map-canvas"), store);
   new NorthUp(view);
   new MapLayers(view);
@@ -47,7 +47,10 @@ function begin() {
   new Strip(walk, jump);
   const whole = new WholeScreen(byId("photo"), byId("photo-whole", HTMLButtonElement));
   store.on("current", () => view.reveal(store.position(store.currentId)));
-  addEventListener("popstate", () => store.setCurrent(known(store, photoInAddress()) ?? walk.ids[0]));
+  addEventListener("popstate", () => {
+    if (orderInAddress() !== walk.order) walk.choose({ order: orderInAddress() });
+    store.setCurrent(known(store, photoInAddress()) ?? walk.ids[0]);
+  });
   byId("photo-previous").addEventListener("click", () => step(-1));
   byId("photo-next").addEventListener("click", () => step(1));
   byId("zoom-in").addEventListener("click", () => view.zoom(1));

@@ -28,6 +28,7 @@ export class PhotoFrame {
     this.ahead = new Map();
     /** @type {?number} where one looks, clockwise from north; null before the first photo with a heading */
     this.facing = null;
+    this.image.addEventListener("load", () => this.frame.style.setProperty("--tall", String(this.image.naturalHeight / this.image.naturalWidth)));
     this.around.addEventListener("look", () => this._look());
     this.store.on("current photos", () => this._show());
     this._swipe(step);
@@ -37,10 +38,10 @@ export class PhotoFrame {
   _show() {
     const photo = this.store.current;
     if (!photo) return;
-    const name = nameOf(photo);
-    if (this.picture.show({ ...photo, name })) this.zoom.reset();
-    this._inside({ ...photo, name });
-    byId("photo-name").textContent = name;
+    const named = { ...photo, name: photo.name || t("Photo") };
+    if (this.picture.show(named)) this.zoom.reset();
+    this._inside(named);
+    byId("photo-name").textContent = photo.name ?? ""; // a share may leave it out
     byId("photo-when").textContent = photo.taken_at ? clockText(photo.taken_at) : "";
     byId("photo-facts").replaceChildren(...factElements(photoFacts(this.store, photo)));
     this._notes(photo);
@@ -103,9 +104,4 @@ export class PhotoFrame {
       if (Math.abs(dx) > SWIPE_PX && Math.abs(dx) > 2 * Math.abs(dy)) step(dx < 0 ? 1 : -1);
     });
   }
-}
-
-/** The name of a photo, or a number where a share leaves it out. */
-export function nameOf({ id, name }) {
-  return name || t("Photo {id}", { id });
 }

@@ -5,7 +5,7 @@ import { clockText } from "../shared/format.js";
 import { locale, t } from "../shared/i18n.js";
 import { rafThrottle } from "../shared/timing.js";
 import { VirtualGrid } from "../shared/virtual-grid.js";
-import { nameOf } from "./photo.js";
+import { writeOrder } from "./address.js";
 import { dayOf } from "./walk.js";
 
 const day = new Intl.DateTimeFormat(locale, { dateStyle: "medium", timeZone: "UTC" });
@@ -19,6 +19,7 @@ export class Strip {
     this.walk = walk;
     this.store = walk.store;
     this.box = byId("strip");
+    this.orders = queryAll("[data-order]", HTMLButtonElement, byId("orders"));
     this.grid = new VirtualGrid(this.box, (id) => this._make(id), (tile, id) => this._update(tile, id), () => this._active());
     this.box.addEventListener("click", (event) => {
       const tile = /** @type {?HTMLElement} */ (/** @type {HTMLElement} */ (event.target).closest("[data-id]"));
@@ -32,6 +33,7 @@ export class Strip {
   }
 
   render() {
+    for (const button of this.orders) button.setAttribute("aria-pressed", String(button.dataset.order === this.walk.order));
     fill(byId("day", HTMLSelectElement), t("All days"), this.walk.days(), (iso) => day.format(new Date(iso)));
     fill(byId("camera", HTMLSelectElement), t("All cameras"), this.walk.cameras(), (name) => name);
     this.grid.show(this.walk.ids);
@@ -39,13 +41,13 @@ export class Strip {
   }
 
   _choices() {
-    const { walk } = this;
+    const { walk, orders } = this;
     byId("orders").hidden = !walk.hasTimes;
-    const buttons = queryAll("[data-order]", HTMLButtonElement, byId("orders"));
-    for (const button of buttons) {
+    for (const button of orders) {
       button.addEventListener("click", () => {
-        for (const one of buttons) one.setAttribute("aria-pressed", String(one === button));
-        walk.choose({ order: /** @type {*} */ (button.dataset.order) });
+        const order = /** @type {*} */ (button.dataset.order);
+        writeOrder(order);
+        walk.choose({ order });
       });
     }
     for (const name of ["day", "camera"]) {
@@ -72,12 +74,13 @@ export class Strip {
     const photo = this.store.photos.get(id);
     const image = tile.querySelector("img");
     if (photo.thumb && image.getAttribute("src") !== photo.thumb) image.src = photo.thumb;
-    const before = this.store.photos.get(this.walk.ids[this.walk.ids.indexOf(id) - 1]);
+    const at = this.walk.ids.indexOf(id);
+    const before = this.store.photos.get(this.walk.ids[at - 1]);
     const begins = Boolean(dayOf(photo)) && (!before || dayOf(before) !== dayOf(photo));
     tile.classList.toggle("begins", begins);
-    const words = begins ? shortDay.format(new Date(dayOf(photo))) : timeText(photo) || nameOf(photo);
+    const words = begins ? shortDay.format(new Date(dayOf(photo))) : timeText(photo) || photo.name || (at + 1).toLocaleString(locale);
     tile.querySelector("span").textContent = words;
-    tile.setAttribute("aria-label", [...new Set([words, nameOf(photo), photo.taken_at ? clockText(photo.taken_at) : words])].join(", "));
+    tile.setAttribute("aria-label", [...new Set([words, photo.name, photo.taken_at && clockText(photo.taken_at)])].filter(Boolean).join(", "));
     tile.setAttribute("aria-selected", String(id === this.store.currentId));
   }
 

@@ -8,13 +8,13 @@ export class Walk extends EventTarget {
   /**
    * @param {import("../shared/map/map-store.js").MapStore} store
    * @param {{by_time: number[], by_place: number[], steps: Object<string, number[][]>}} walk as the server plans it
+   * @param {Order} order
    */
-  constructor(store, walk) {
+  constructor(store, walk, order) {
     super();
     this.store = store;
     this.walk = walk;
-    /** @type {Order} */
-    this.order = this.hasTimes ? "by_time" : "by_place";
+    this.order = order;
     /** A day as YYYY-MM-DD, and the name of a camera; empty for all. */
     this.day = "";
     this.camera = "";
@@ -61,7 +61,7 @@ export class Walk extends EventTarget {
   _find() {
     const fits = (photo) => (!this.day || dayOf(photo) === this.day) && (!this.camera || photo.camera === this.camera);
     /** Ids of the photos on the way. */
-    this.ids = this.walk[this.order].filter((id) => fits(this.store.photos.get(id)));
+    this.ids = this.walk[this.hasTimes ? this.order : "by_place"].filter((id) => fits(this.store.photos.get(id)));
   }
 
   _change() {

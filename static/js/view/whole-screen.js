@@ -1,5 +1,7 @@
 /** The photo on the whole screen; where the browser cannot do that (iPhone), on the whole page. */
 
+import { icon } from "../shared/dom.js";
+
 /** Switched by a button and by keys. */
 export class WholeScreen {
   /** @param {HTMLElement} element @param {HTMLButtonElement} button */
@@ -28,5 +30,6 @@ export class WholeScreen {
   _show(on) {
     this.element.classList.toggle("is-whole", on);
     this.button.setAttribute("aria-pressed", String(on));
+    this.button.replaceChildren(icon(on ? "unfit" : "fit"));
   }
 }

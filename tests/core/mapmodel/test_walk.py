@@ -49,6 +49,13 @@ def test_a_tour_follows_a_path_from_one_end_to_the_other():
     assert plan_walk(mixed).by_place in (tuple(range(40)), tuple(range(39, -1, -1)))
 
 
+@pytest.mark.parametrize("lengths", [(10.0, 10.0, 30.0), (30.0, 10.0, 10.0)])
+def test_a_tour_begins_at_the_end_whose_name_is_first(lengths):
+    along = np.cumsum((0.0, *lengths))
+    stops = [Stop(9 - n, at, 0.0, name=f"{n:02}.jpg") for n, at in enumerate(along)]
+    assert plan_walk(stops).by_place == (9, 8, 7, 6)
+
+
 def test_a_tour_visits_the_floors_from_the_lowest():
     stops = [Stop(n, float(n % 5), 0.0, floor=n // 5, level=(1.0, -1.0)[n // 5]) for n in range(10)]
     tour = plan_walk(stops).by_place

@@ -11,7 +11,7 @@ from webapp.errors import Conflict, NotFound
 from webapp.store import clock
 from webapp.store.operate import job_views, jobs
 from webapp.store.operate.jobs import Lanes, Lease, Limits
-from webapp.store.schema import Account, Job, MapRecord
+from webapp.store.schema import Account, Edit, Job, MapRecord
 
 LIMITS = Limits(seconds=10.0, attempts=3)
 LANES = Lanes(frozenset({"export", "tiles"}))
@@ -480,6 +480,21 @@ def test_a_failure_is_shown_until_the_job_is_repeated_for_a_week_at_most(do, tak
     assert ids() == [again]
     at(7 * 86400)
     assert ids() == []
+
+
+def test_a_failure_to_fetch_an_image_is_over_once_the_map_got_another(do, take, at, park):
+    ids = lambda: do(lambda s: [job.id for job in job_views.shown(s, park)])  # noqa: E731
+    for kind in (job_views.TILES_JOB, "index"):
+        do(jobs.enqueue, kind, map_id=park)
+        do(jobs.fail, take(), error=ERROR)
+    tiles, index = ids()
+    at(3600)
+    assert ids() == [tiles, index]
+    do(lambda s: s.add(Edit(map_id=park, kind="satellite", changes=[], revision=1, at=clock.now())))
+    assert ids() == [index]
+    do(jobs.enqueue, job_views.TILES_JOB, map_id=park)
+    do(jobs.fail, take(), error=ERROR)
+    assert len(ids()) == 2
 
 
 def test_time_left():

@@ -142,4 +142,14 @@ def test_the_timeline_lists_the_days_of_all_maps_that_one_may_see(
     assert re.findall(r'<li><a href="(.*?)"', page) == [f"/maps/{walked}/view?photo={id}" for id in (2, 1, 0)]
     assert re.findall(r'id="day-(.*?)"', client.get("/timeline?before=2024-05-02").text) == ["2024-05-01"]
     assert client.get("/timeline?before=then").status_code == 400
-    assert "day-" not in sign_in(new_account("Eve")).get("/timeline").text
+    other = sign_in(new_account("Eve")).get("/timeline").text
+    assert "day-" not in other
+    assert "without-time" not in page + other
+
+
+def test_the_timeline_says_how_many_photos_it_leaves_out(client, sign_in, new_account, walked, library):
+    with library.database.write() as session:
+        session.execute(update(Photo).where(Photo.id == 1).values(taken_at="2024-05-02T10:00:00"))
+        session.execute(update(Photo).where(Photo.id != 1).values(taken_at=None))
+    assert "2 placed photos have no time" in client.get("/timeline").text
+    assert "without-time" not in sign_in(new_account("Eve")).get("/timeline").text

@@ -88,11 +88,23 @@ def _tour_of_floors(stops: Iterable[Stop], *, after: Stop | None = None) -> list
         ground, spots = _spots(floor)
         last = tour[-1] if tour else after
         # A tour begins at an end of the place, or near where one comes from.
-        centre = np.mean([(s.east, s.north) for s in floor], 0)
-        away = np.hypot(*(ground - (centre if last is None else (last.east, last.north))).T)
-        start = int(away.argmax() if last is None else away.argmin())
+        if last is None:
+            start = _end(ground, np.mean([(s.east, s.north) for s in floor], 0))
+        else:
+            start = int(_distances(ground, np.array((last.east, last.north))).argmin())
         tour += [stop for n in _tour(ground, start) for stop in spots[n]]
     return tour
+
+
+def _end(ground: NDArray[np.float64], centre: NDArray[np.float64]) -> int:
+    """Return that of the two ends of a place whose photo is first by name: positions have that order."""
+    one = int(_distances(ground, centre).argmax())
+    return min(one, int(_distances(ground, ground[one]).argmax()))
+
+
+def _distances(ground: NDArray[np.float64], spot: NDArray[np.float64]) -> NDArray[np.float64]:
+    away: NDArray[np.float64] = np.hypot(*(ground - spot).T)
+    return away
 
 
 def _spots(stops: Sequence[Stop]) -> tuple[NDArray[np.float64], list[list[Stop]]]:

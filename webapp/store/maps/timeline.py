@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from sqlalchemy import func, select
+from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session
 
 from webapp.store.maps import maps
@@ -39,7 +39,7 @@ def days(session: Session, account: Account, *, before: str | None, most: int, p
         before: Only days before this one; None for all.
         photos: Maximum number of photos of a map and day.
     """
-    shown = (Photo.map_id.in_(maps.visible(account)), ~Photo.removed, Photo.x_px.is_not(None))
+    shown = _placed(account)
     known = select(_day).where(*shown, Photo.taken_at.is_not(None)).distinct()
     if before is not None:
         known = known.where(_day < before)
@@ -58,6 +58,16 @@ def days(session: Session, account: Account, *, before: str | None, most: int, p
     rows = [(photo, record, in_all) for photo, record, in_all in session.execute(wanted)]
     grouped = groupby(rows, key=lambda row: (row[0].taken_at or "")[:10])
     return [Day(date, _by_map(list(of_day))) for date, of_day in grouped]
+
+
+def count_without_time(session: Session, account: Account) -> int:
+    """Count the placed photos, on maps that an account may see, that no day has."""
+    found = select(func.count()).select_from(Photo).where(*_placed(account), Photo.taken_at.is_(None))
+    return session.scalar(found) or 0
+
+
+def _placed(account: Account) -> tuple[ColumnElement[bool], ...]:
+    return (Photo.map_id.in_(maps.visible(account)), ~Photo.removed, Photo.x_px.is_not(None))
 
 
 def _by_map(rows: Sequence[tuple[Photo, MapRecord, int]]) -> tuple[DayOfMap, ...]:

@@ -13,7 +13,10 @@ from sqlalchemy.orm import Session, aliased
 
 from webapp.store.database import moment
 from webapp.store.operate.jobs import ENDED, LIVE
-from webapp.store.schema import Account, Job, MapRecord
+from webapp.store.schema import Account, Edit, Job, MapRecord
+
+TILES_JOB = "satellite-tiles"
+"""The kind of the jobs that fetch an image."""
 
 _SHOWN = timedelta(minutes=1)
 """For how long the page of a map shows a job that has ended."""
@@ -35,16 +38,23 @@ def current(session: Session, map_id: int) -> list[Job]:
 
 
 def shown(session: Session, map_id: int) -> list[Job]:
-    """List the current jobs of a map, and those that failed last of their kind and key, oldest first."""
+    """List the current jobs of a map, and those that failed last of their kind and key, oldest first.
+
+    A failure to fetch an image is over once the map got another one.
+    """
     newer = aliased(Job)
     again = select(newer.id).where(
         newer.map_id == Job.map_id, newer.kind == Job.kind, newer.key == Job.key, newer.id > Job.id
+    )
+    image = select(Edit.id).where(
+        Edit.map_id == Job.map_id, Edit.kind == "satellite", Edit.at > Job.ended_at, Job.kind == TILES_JOB
     )
     failed = select(Job).where(
         Job.map_id == map_id,
         Job.state == "failed",
         Job.ended_at > moment(session) - _FAILURE_SHOWN,
         ~again.exists(),
+        ~image.exists(),
     )
     jobs = {job.id: job for job in (*session.scalars(failed), *current(session, map_id))}
     return [jobs[id] for id in sorted(jobs)]

@@ -29,7 +29,6 @@ from webapp.tasks.satellite import display
 from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, NewImage
 from webapp.tasks.satellite.files import keep_source
 
-TILES_JOB = "satellite-tiles"
 _MISSING = 204
 """Grey where the service has no tile."""
 

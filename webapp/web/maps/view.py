@@ -11,7 +11,7 @@ from flask_babel import lazy_gettext as _l
 
 from webapp.core.mapmodel.walk import Walk
 from webapp.errors import UsageError
-from webapp.store.maps.timeline import days
+from webapp.store.maps.timeline import count_without_time, days
 from webapp.tasks.maps.walk import stops_of, walk_along
 from webapp.web.context import account, library, reading_map
 from webapp.web.maps import state as map_state
@@ -57,6 +57,7 @@ def timeline() -> str:
         return render_template(
             "view/timeline.html",
             days=shown,
+            without_time=count_without_time(session, account()),
             earlier=shown[-1].date if len(found) > _DAYS else None,
             thumb=partial(map_state.picture_address, kind="thumb"),
         )

@@ -19,6 +19,7 @@ from webapp.files.satellite.georeference_files import parse_corners
 from webapp.files.satellite.tile_archive import PICTURES, opened_tiles
 from webapp.net.services import named, tile_services
 from webapp.store.operate import jobs
+from webapp.store.operate.job_views import TILES_JOB
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.satellite import display, new_image
 from webapp.tasks.satellite import tiles as satellite_tiles
@@ -26,7 +27,7 @@ from webapp.tasks.satellite.apply import ImageChoice
 from webapp.tasks.satellite.display import DisplayFile
 from webapp.tasks.satellite.georeference import GeoreferenceRequest
 from webapp.tasks.satellite.new_image import PlanSize
-from webapp.tasks.satellite.tiles import TILES_JOB, TileRequest
+from webapp.tasks.satellite.tiles import TileRequest
 from webapp.web.body_limits import limit_image
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, map_role, open_map, public, settings

@@ -10,12 +10,15 @@ from flask_babel import lazy_gettext as _l
 from webapp.core.geo.area import area_around
 from webapp.core.geo.types import LatLon
 from webapp.store.maps import maps
-from webapp.store.schema import MapRecord, Photo
+from webapp.store.operate import job_views
+from webapp.store.operate.job_views import TILES_JOB
+from webapp.store.schema import Job, MapRecord, Photo
 from webapp.tasks.maps.library_map import georeference
 from webapp.tasks.maps.placing import RequestedPose, find_spots, image_of
 from webapp.tasks.satellite.georeference import on_earth
 from webapp.web.context import account, reading_map, settings
 from webapp.web.maps.state import satellite_json
+from webapp.web.operate.job_json import job_json
 from webapp.web.pages import Tab, page
 from webapp.web.satellite.api_satellite import service_json
 from webapp.web.satellite.layers import offered_layers
@@ -36,6 +39,8 @@ def show(slug: str) -> str:
     with reading_map(slug) as (session, record):
         can_edit = maps.role_of(session, record, account=account()) in ("editor", "owner")
         photos = [photo for photo in maps.photos(session, record) if not photo.removed]
+        jobs = job_views.shown(session, record.id)
+        failed = [job_json(session, job, account=account()) for job in jobs if _has_failed(job)]
     services = offered_layers() if can_edit else ()
     placed = [photo for photo in photos if photo.x_px is not None]
     page = {
@@ -47,6 +52,7 @@ def show(slug: str) -> str:
         "services": [service_json(service) for service in services],
         "photos": _where(photos),
         "placed": [(photo.x_px, photo.y_px) for photo in _thinned(placed)],
+        "failure": failed[-1] if failed else None,
         "geocoder": None if geocoder.address is None else geocoder.attribution,
     }
     return render_template(
@@ -59,6 +65,10 @@ def show(slug: str) -> str:
         with_gps=sum(photo.gps_lat is not None for photo in photos),
         outside=_count_outside(record, photos),
     )
+
+
+def _has_failed(job: Job) -> bool:
+    return job.kind == TILES_JOB and job.state == "failed"
 
 
 def _earth(record: MapRecord) -> dict[str, Any] | None:
