@@ -41,10 +41,12 @@ def test_people_get_and_lose_access_in_the_same_dialog(page, api, sample_map, vi
     page.goto(f"/maps/{sample_map}/edit")
     page.get_by_test_id("share-map").click()
     dialog = page.get_by_role("dialog", name="Share this map")
+    for button in ("Create the link", "Close"):
+        expect(dialog.get_by_role("button", name=button)).to_be_in_viewport(ratio=1)
     dialog.get_by_label("Name of an account").fill("nobody of this name")
     page.context.watch.expect(404)
     dialog.get_by_role("button", name="Add").click()
-    expect(dialog.get_by_test_id("error-message").first).to_be_visible()
+    expect(dialog.get_by_test_id("error-message").first).to_contain_text("The owner of the library creates accounts")
     dialog.get_by_label("Name of an account").fill(name)
     dialog.get_by_role("button", name="Add").click()
     guest = dialog.get_by_test_id("member").filter(has_text=name)
@@ -78,6 +80,18 @@ def test_a_secret_link_works_and_stops_working(page, visitor, make_link, sample_
     visitor.context.watch.expect(404)
     visitor.goto(address)
     expect(visitor.get_by_test_id("error-message")).to_be_visible()
+
+
+def test_a_second_link_has_a_heading_of_its_own(page, make_link):
+    make_link()
+    expect(page.get_by_role("heading", name="New link")).to_be_visible()
+    while page.get_by_test_id("share").count():
+        before = page.get_by_test_id("share").count()
+        page.get_by_role("button", name="Revoke the link").first.click()
+        page.get_by_role("button", name="Revoke it").click()
+        expect(page.get_by_test_id("share")).to_have_count(before - 1)
+    expect(page.get_by_role("heading", name="New link")).to_be_hidden()
+    expect(page.get_by_test_id("share-new")).to_be_in_viewport(ratio=1)
 
 
 def test_another_site_shows_it_in_a_frame(visitor, make_link, elsewhere):
