@@ -114,3 +114,74 @@ def test_a_public_map_is_found_without_an_account(make_link, open_context, page,
     expect(phone.locator("#map-canvas canvas")).to_be_visible()
     assert phone.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
     assert axe.findings(phone) == []
+
+
+@pytest.fixture
+def asks(visitor, make_link, sample_folder, api, sample_map):
+    """Open the map of a link that takes photos, and return a function that asks about a photo by its number."""
+    api.wait_for_jobs(sample_map)
+    visitor.goto(f"{make_link('Visitors can localize')}/map")
+    expect(visitor.locator("#map-canvas canvas").first).to_be_visible()
+
+    def ask(number):
+        visitor.get_by_test_id("query-input").set_input_files(sample_folder / "queries" / f"query_{number:02}.jpg")
+
+    return ask
+
+
+HELD = "**/shared/*/localize"
+
+
+def test_a_new_photo_cancels_the_one_before(visitor, asks):
+    held = []
+    visitor.route(HELD, lambda route: held.append(route), times=1)
+    asks(2)
+    expect(visitor.locator("#busy-words")).to_be_in_viewport()
+    with visitor.expect_event("requestfailed"):
+        asks(1)
+    expect(visitor.get_by_test_id("hypothesis").first).to_be_visible()
+    answer = visitor.locator("#answer").inner_text()
+    held[0].abort()
+    expect(visitor.locator("#query-name")).to_have_text("query_01.jpg")
+    expect(visitor.locator("#busy-words")).to_be_hidden()
+    assert visitor.locator("#answer").inner_text() == answer
+    expect(visitor.get_by_test_id("error-message")).to_have_count(0)
+
+
+def test_no_answer_stays_with_the_next_photo(visitor, asks, tmp_path):
+    asks(1)
+    expect(visitor.get_by_test_id("current-photo")).to_be_visible()
+    visitor.locator("#side").evaluate("panel => panel.scrollTop = 1e6")
+    held = []
+    visitor.route(HELD, lambda route: held.append(route), times=1)
+    asks(2)
+    expect(visitor.locator("#busy-words")).to_be_in_viewport()
+    expect(visitor.locator("#answer")).to_be_hidden()
+    expect(visitor.get_by_test_id("current-photo")).to_be_hidden()
+    held[0].abort()
+    error = visitor.get_by_test_id("error-message")
+    expect(error).to_contain_text("query_02.jpg")
+    visitor.context.watch.faults.clear()  # the browser names the request that was cut off
+    broken = tmp_path / "broken.jpg"
+    broken.write_text("no photo", encoding="utf-8")
+    visitor.context.watch.expect(400, 415, 422)
+    visitor.get_by_test_id("query-input").set_input_files(broken)
+    expect(error).to_contain_text("broken.jpg")
+    expect(error).to_have_count(1)
+    expect(visitor.locator("#answer")).to_be_hidden()
+    assert axe.findings(visitor) == []
+    asks(1)
+    expect(visitor.get_by_test_id("hypothesis").first).to_be_visible()
+    expect(error).to_have_count(0)
+
+
+@pytest.mark.parametrize(("width", "height"), [(683, 384), (667, 375), (1000, 400)])
+def test_a_low_window_scrolls_to_the_panel(visitor, asks, width, height):
+    visitor.set_viewport_size({"width": width, "height": height})
+    choose = visitor.locator("label[for=query-input]")
+    choose.scroll_into_view_if_needed()
+    expect(choose).to_be_in_viewport(ratio=1)
+    assert visitor.locator("#side").bounding_box()["height"] > 120
+    asks(1)
+    expect(visitor.get_by_test_id("hypothesis").first).to_be_in_viewport()
+    assert visitor.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
