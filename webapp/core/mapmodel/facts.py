@@ -39,6 +39,10 @@ class TextForm:
         return None
 
 
+DESCRIPTION = TextForm(most=300)
+"""Form of a map's description."""
+
+
 class FixedForm(Enum):
     """A form that has nothing to choose."""
 

@@ -161,10 +161,6 @@ class MapLists:
     """By id; empty if the map has only one image."""
 
 
-DESCRIPTION = TextForm(most=300)
-"""Form of a map's description."""
-
-
 @dataclass(frozen=True, slots=True)
 class Map(MapLists):
     """A satellite image and its experiences; immutable."""

@@ -11,8 +11,8 @@ from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.core.mapmodel.checks import MAX_NUMBER
+from webapp.core.mapmodel.facts import DESCRIPTION
 from webapp.core.mapmodel.model import (
-    DESCRIPTION,
     FACTS,
     Experience,
     Map,

@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 from sqlalchemy.orm.util import identity_key
 
 from webapp.core import texts
-from webapp.core.mapmodel.model import DESCRIPTION
+from webapp.core.mapmodel.facts import DESCRIPTION
 from webapp.errors import NotAllowed, NotFound, UsageError
 from webapp.store.clock import now
 from webapp.store.list_parts import ListCursor, ListPart, last_changed_first
