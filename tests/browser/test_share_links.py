@@ -46,7 +46,9 @@ def test_people_get_and_lose_access_in_the_same_dialog(page, api, sample_map, vi
     dialog.get_by_label("Name of an account").fill("nobody of this name")
     page.context.watch.expect(404)
     dialog.get_by_role("button", name="Add").click()
-    expect(dialog.get_by_test_id("error-message").first).to_contain_text("The owner of the library creates accounts")
+    expect(dialog.get_by_test_id("error-message").first).to_contain_text(
+        "The owner of the library creates accounts"
+    )
     dialog.get_by_label("Name of an account").fill(name)
     dialog.get_by_role("button", name="Add").click()
     guest = dialog.get_by_test_id("member").filter(has_text=name)
@@ -118,13 +120,15 @@ def test_a_public_map_is_found_without_an_account(make_link, open_context, page,
 
 @pytest.fixture
 def asks(visitor, make_link, sample_folder, api, sample_map):
-    """Open the map of a link that takes photos, and return a function that asks about a photo by its number."""
+    """Open the map of a link that takes photos; the function asks about one by its number."""
     api.wait_for_jobs(sample_map)
     visitor.goto(f"{make_link('Visitors can localize')}/map")
     expect(visitor.locator("#map-canvas canvas").first).to_be_visible()
 
     def ask(number):
-        visitor.get_by_test_id("query-input").set_input_files(sample_folder / "queries" / f"query_{number:02}.jpg")
+        visitor.get_by_test_id("query-input").set_input_files(
+            sample_folder / "queries" / f"query_{number:02}.jpg"
+        )
 
     return ask
 
