@@ -5,7 +5,8 @@
 Makes files of the largest size allowed: flat ones, which have few bytes, and noise. Each is then read in a
 separate process, like an upload. Prints a JSON object: seconds of processor time, megabytes by which the
 process grew, and megabytes of the file; or why the file is refused. HEIC and AVIF have a sixteenth of the
-pixels: they take long to encode, and more than proportionally long to decode.
+pixels: they take long to encode, and more than proportionally long to decode. Colours of 16 bits have 30
+megapixels, as larger ones are not stretched.
 """
 
 from __future__ import annotations
@@ -20,12 +21,14 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import cv2
 import numpy as np
 import pillow_heif
 from PIL import Image
 
 from tests.photo_files import progressive_jpeg
 from webapp.errors import PhotoError
+from webapp.files.decode import MOST_OF_16_BITS
 from webapp.files.photos.photo import read_upright
 from webapp.settings import PhotoLimits
 
@@ -59,6 +62,8 @@ def _kinds() -> dict[str, Callable[[Image.Image], bytes]]:
         "jpeg progressive noise": functools.partial(save, form="JPEG", progressive=True, quality=40),
         "jpeg 32 scans": lambda image: progressive_jpeg(32, size=image.size),
         "png flat": functools.partial(save, form="PNG", compress_level=9),
+        "png 16 bits black": functools.partial(_deep_png, white=0),
+        "png 16 bits dark": functools.partial(_deep_png, white=1000),
         "webp flat": functools.partial(save, form="WEBP", lossless=True, method=0),
         "webp noise": functools.partial(save, form="WEBP", quality=30, method=0),
         "tiff lzw flat": functools.partial(save, form="TIFF", compression="tiff_lzw"),
@@ -76,6 +81,16 @@ def _saved(image: Image.Image, *, form: str, **options: Any) -> bytes:
     file = io.BytesIO()
     image.save(file, form, **options)
     return file.getvalue()
+
+
+def _deep_png(image: Image.Image, *, white: int) -> bytes:
+    """Make a PNG of 16 bits per colour, with alpha, of no more pixels than are stretched."""
+    width, height = image.size
+    scale = min(1.0, (MOST_OF_16_BITS / (width * height)) ** 0.5)
+    width, height = int(width * scale), int(height * scale)
+    row = np.full((1, width, 4), 65535, np.uint16)
+    row[:, :, :3] = np.linspace(0, white, width)[:, None]
+    return bytes(cv2.imencode(".png", np.repeat(row, height, axis=0))[1])
 
 
 def _make(name: str, size: tuple[int, int]) -> bytes:

@@ -9,6 +9,8 @@ from datetime import timedelta
 import pytest
 
 from webapp.app.registry import REGISTRY
+from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.types import MapPixel
 from webapp.errors import ClusterUnavailable
 from webapp.jobs.worker import Worker
 from webapp.settings import ExtractSettings
@@ -16,7 +18,8 @@ from webapp.store import queries
 from webapp.store.accounts import accounts
 from webapp.store.schema import MapRecord, Photo, QueryRecord
 from webapp.tasks.computing.cluster import DaskPool
-from webapp.tasks.localize import calibrate
+from webapp.tasks.localize import adopt_query, calibrate
+from webapp.tasks.localize.adopt_query import independent_photos
 from webapp.tasks.maps import adopt_map
 
 
@@ -56,7 +59,7 @@ def calibrated(library, quick, queue, row):
 
 def test_photos_added_from_answers_are_real_queries(library, quick, queue, row):
     assert calibrated(library, quick, queue, row) == 0
-    fields = {"width": 4, "height": 3, "options": {}, "answer": {}, "evidence": []}
+    fields = {"width": 4, "height": 3, "options": {}, "answer": {"hypotheses": []}, "evidence": []}
     with library.database.write() as session:
         record = session.get(MapRecord, row)
         before = session.get_one(Photo, (row, 2)).uploaded_at - timedelta(seconds=5)
@@ -69,15 +72,44 @@ def test_photos_added_from_answers_are_real_queries(library, quick, queue, row):
             forgotten = queries.add(session, record, row=asked, most=1)
             assert all(old.adopted_id is None for old in forgotten)
         session.get_one(Photo, (row, 3)).x_px = None  # back in the tray
-        assert queries.adopted(session, record) == [(2, 0)]
+        assert independent_photos(session, record) == [(2, 0)]
         session.get_one(Photo, (row, 0)).uploaded_at = before - timedelta(seconds=5)
         session.get_one(Photo, (row, 1)).uploaded_at = before - timedelta(seconds=5)
-        assert queries.adopted(session, record) == [(2, 2)]
+        assert independent_photos(session, record) == [(2, 2)]
         session.get_one(Photo, (row, 3)).x_px = 5.0
     assert calibrated(library, quick, queue, row) == 2
     with library.database.write() as session:
         session.get(MapRecord, row).uses_adopted = False
     assert calibrated(library, quick, queue, row) == 0
+    with library.database.write() as session:
+        record = session.get(MapRecord, row)
+        session.get_one(Photo, (row, 2)).removed = True
+        latest = QueryRecord(name="a.jpg", file="5.jpg", at=before, **fields)
+        forgotten = queries.add(session, record, row=latest, most=1)
+        assert [old.adopted_id for old in forgotten] == [None, 2], "its photo was removed"
+
+
+def test_a_photo_accepted_where_the_answer_was_is_no_real_query_unless_its_gps_confirms_that(
+    library, quick, queue, row, monkeypatch
+):
+    plane = Georeference("EPSG:32633", (1, 0, 500_000, 0, -1, 5_500_000, 0, 0, 1), "affine")
+    monkeypatch.setattr(adopt_query, "georeference", lambda record: plane)
+    with library.database.write() as session:
+        record, photos = session.get(MapRecord, row), [session.get_one(Photo, (row, id)) for id in range(4)]
+        for photo, (moved, gps, accuracy_m) in zip(
+            photos, [(0.5, None, None), (1.5, None, None), (0.0, 5.0, 8.0), (0.0, 5.0, 60.0)], strict=True
+        ):
+            photo.x_px, photo.y_px, photo.gps_lat, photo.gps_lon = 50.0, 50.0, None, None
+            place = {"x_px": 50.0 - moved, "y_px": 50.0}
+            fields = {"width": 4, "height": 3, "options": {}, "answer": {"hypotheses": [place]}}
+            asked = QueryRecord(name="a.jpg", file="a.jpg", adopted_id=photo.id, evidence=[], **fields)
+            queries.add(session, record, row=asked, most=9)
+            if gps is not None:
+                photo.gps_lat, photo.gps_lon = plane.latlon_of(MapPixel(50.0, 50.0 + gps))
+                photo.gps_accuracy_m = accuracy_m
+        assert [known.id for known in independent_photos(session, record)] == [1, 2]
+        photos[2].gps_lat, photos[2].gps_lon = plane.latlon_of(MapPixel(50.0, 90.0))
+        assert [known.id for known in independent_photos(session, record)] == [1]
 
 
 def test_a_list_of_real_queries_counts_in_the_job(library, quick, queue, row):

@@ -57,7 +57,12 @@ _BULK = (0.001, 0.999)
 """Quantiles of the values in use; single pixels may be hot or dead."""
 
 _ROWS = 256
-_COLOURS = 3
+_SAMPLED = 200_000
+"""Pixels by which the range of values is found."""
+
+MOST_OF_16_BITS = 30_000_000
+"""Pixels up to which dark colours are stretched: that takes 6 more bytes for each."""
+
 _OF_16_BITS = "file of 16 bits per colour"
 """In `info` of an opened image: Pillow forgets this, and the file, when it decodes."""
 
@@ -159,14 +164,11 @@ def contrast_note(source: Path | bytes, *, limits: PhotoLimits) -> str | None:
     Raises PhotoError.
     """
     with open_image(source, limits=limits) as image:
-        colours = _dark_colours(image)
-        if colours is None and not (image.mode.startswith("I;16") or image.mode == "I"):
+        values: NDArray[np.generic] | None = _dark_colours(image)
+        if values is None and not (image.mode.startswith("I;16") or image.mode == "I"):
             return None
         image.load()
-        values = np.asarray(image) if colours is None else colours
-        if values.max(initial=0) >= 65536 or values.min(initial=0) < 0:
-            return None
-        found = _small_range([values[top : top + _ROWS] for top in range(0, len(values), _ROWS)])
+        found = _small_range(np.asarray(image) if values is None else values)
     if found is None:
         return None
     low, high = found
@@ -189,24 +191,29 @@ def decode(image: Image.Image, mode: Literal["L", "RGB"]) -> Pixels:
         # decode the stored luma itself rather than convert it to colours and back to grey
         image.draft("L", image.size)
     colours = _dark_colours(image)
+    stretched = None if colours is None else _small_range(colours)
+    if colours is not None and stretched is not None:
+        pixels = _stretched(colours.reshape(image.height, -1), *stretched).reshape(colours.shape)
+        del colours  # twice as large
+        order = cv2.COLOR_BGR2GRAY if mode == "L" else cv2.COLOR_BGR2RGB
+        return np.asarray(cv2.cvtColor(pixels, order), np.uint8)
+    del colours
     image.load()
-    if colours is not None:
-        image = Image.fromarray(_eight_bits(colours, sixteen=True).reshape(image.height, image.width, 3))
-    elif image.mode.startswith("I;16") or image.mode in ("I", "F"):
+    if image.mode.startswith("I;16") or image.mode in ("I", "F"):
         image = Image.fromarray(_eight_bits(np.asarray(image), sixteen=image.mode != "F"))
     return _converted(image, mode)
 
 
 def _dark_colours(image: Image.Image) -> NDArray[np.uint16] | None:
-    """Return the colours of an opened image of 16 bits per colour if it uses a small range of them.
+    """Return the colours of an opened image of 16 bits per colour if it may use a small range of them.
 
     Pillow keeps the upper eight bits of colours, which leave nothing of them.
 
     Returns:
-        (h, 3 w): red, green and blue of each pixel of a row.
+        (h, w, 3): blue, green and red.
     """
     source = image.info.get(_OF_16_BITS)
-    if source is None:
+    if source is None or image.width * image.height > MOST_OF_16_BITS:
         return None
     image.load()
     bands = len(image.getbands()) - image.mode.endswith("A")
@@ -215,13 +222,11 @@ def _dark_colours(image: Image.Image) -> NDArray[np.uint16] | None:
     if 256 * (high - low) >= _SMALL_RANGE:
         return None
     data = source if isinstance(source, bytes) else source.read_bytes()
-    values: NDArray[np.generic] | None = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    kind = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    values: NDArray[np.generic] | None = cv2.imdecode(np.frombuffer(data, np.uint8), kind)
     if values is None or values.dtype != np.uint16 or values.shape[:2] != (image.height, image.width):
         return None
-    colours = np.atleast_3d(values)[:, :, 2::-1]
-    if colours.shape[2] != _COLOURS:
-        return None
-    return np.ascontiguousarray(colours, np.uint16).reshape(image.height, -1)
+    return np.asarray(values, np.uint16)
 
 
 def _converted(image: Image.Image, mode: Literal["L", "RGB"]) -> Pixels:
@@ -237,24 +242,37 @@ def _converted(image: Image.Image, mode: Literal["L", "RGB"]) -> Pixels:
 def _eight_bits(values: NDArray[np.generic], *, sixteen: bool) -> Pixels:
     """Scale (h, w) values to 8 bits, a few rows at a time, to save memory."""
     strips = [values[top : top + _ROWS] for top in range(0, len(values), _ROWS)]
-    if sixteen and values.max(initial=0) < 65536 and values.min(initial=0) >= 0:
-        black, white = _small_range(strips) or (0, 0)
-        if white == 0:
-            return np.concatenate([(strip.astype(np.uint32) >> 8).astype(np.uint8) for strip in strips])
-        scaled = (strip.astype(np.int64).clip(black, white) - black for strip in strips)
-        return np.concatenate([(strip * 255 // (white - black)).astype(np.uint8) for strip in scaled])
+    if sixteen and _fits_16_bits(values):
+        found = _small_range(values)
+        if found is not None:
+            return _stretched(values, *found)
+        return np.concatenate([(strip.astype(np.uint16) >> 8).astype(np.uint8) for strip in strips])
     low = min(0.0, *(float(_finite(strip).min(initial=0.0)) for strip in strips))
     high = max(0.0, *(float(_finite(strip).max(initial=0.0)) for strip in strips))
     factor = 255.0 / (high - low or 1.0)
     return np.concatenate([((_finite(strip) - low) * factor).astype(np.uint8) for strip in strips])
 
 
-def _small_range(strips: list[NDArray[np.generic]]) -> tuple[int, int] | None:
-    """Return the range of nearly all 16-bit values; None if it is wide, or they are all equal."""
-    counts = np.zeros(65536, np.int64)
-    for strip in strips:
-        counts += np.bincount(strip.astype(np.int64).ravel(), minlength=65536)
-    below = np.cumsum(counts)
+def _fits_16_bits(values: NDArray[np.generic]) -> bool:
+    return values.dtype == np.uint16 or bool(values.max(initial=0) < 65536 and values.min(initial=0) >= 0)
+
+
+def _stretched(values: NDArray[np.generic], black: int, white: int) -> Pixels:
+    """Stretch (h, w) 16-bit values, a few rows at a time, to save memory."""
+    pixels = np.empty(values.shape, np.uint8)
+    for top in range(0, len(values), _ROWS):
+        above = cv2.subtract(values[top : top + _ROWS].astype(np.uint16, copy=False), float(black))
+        pixels[top : top + _ROWS] = cv2.convertScaleAbs(above, alpha=255.0 / (white - black))
+    return pixels
+
+
+def _small_range(values: NDArray[np.generic]) -> tuple[int, int] | None:
+    """Return the range of nearly all 16-bit values of (h, w) or (h, w, 3); None if it is wide, or empty."""
+    if not _fits_16_bits(values):
+        return None
+    pixels = values.reshape(values.shape[0] * values.shape[1], -1)
+    sample = pixels[:: max(1, len(pixels) // _SAMPLED)]
+    below = np.cumsum(np.bincount(sample.ravel(), minlength=65536))
     low, high = np.searchsorted(below, np.multiply(_BULK, below[-1])).tolist()
     return (low, high) if 0 < high - low < _SMALL_RANGE else None
 

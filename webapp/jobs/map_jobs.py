@@ -8,14 +8,12 @@ from typing import Any
 from webapp.core.geo.tilegrid import GeoBox
 from webapp.errors import NotFound
 from webapp.files.localize import adopted
-from webapp.files.localize.adopted import AdoptedPhoto
 from webapp.files.localize.blur_networks import blur_networks
 from webapp.files.localize.global_model import usable_global_descriptor
 from webapp.files.maps.folder import read_map
 from webapp.jobs.context import Context
 from webapp.render import export_file
 from webapp.settings import Settings
-from webapp.store import queries
 from webapp.store.maps import maps
 from webapp.store.maps.blurred import boxes_of
 from webapp.tasks.blur.accept import accept_in_library
@@ -35,6 +33,7 @@ from webapp.tasks.landmarks.reconstruct import reconstruct
 from webapp.tasks.landmarks.show_cloud import align_in_library
 from webapp.tasks.landmarks.surroundings import reconstruct_part
 from webapp.tasks.localize import build_map
+from webapp.tasks.localize.adopt_query import independent_photos
 from webapp.tasks.localize.open_pipeline import make_plan, open_pipeline
 from webapp.tasks.localize.plan import MapPlan, OpenOptions
 from webapp.tasks.localize.trials import MOST_PHOTOS
@@ -54,7 +53,8 @@ _NAMED = 100
 def build_map_index(context: Context) -> dict[str, Any]:
     """Build a map's index and calibration, as `expmap build` does; after an interruption it continues.
 
-    Photos that were added from answers are among the real queries. The arguments `features` and `method`
+    Photos that were added from answers are among the real queries, if people corrected the position or the
+    photo's GPS confirms it. The arguments `features` and `method`
     override the defaults of the library.
     """
     library, record, asked = context.library, context.map(), context.arguments
@@ -63,7 +63,7 @@ def build_map_index(context: Context) -> dict[str, Any]:
     export.export_map(library, record.id)
     with library.database.read() as session:
         _, placed = maps.counts(session, record)
-        photos = [AdoptedPhoto(*known) for known in queries.adopted(session, record)]
+        photos = independent_photos(session, record)
     adopted.write(library.cfg(record.slug), photos)
     context.progress.plan(*_stages(plan, placed, settings=context.settings))
     context.progress.note("describing photos")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from statistics import median
 
-from sqlalchemy import func, select
+from sqlalchemy import func, or_, select
 from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound
@@ -30,13 +30,15 @@ def add(session: Session, record: MapRecord, *, row: QueryRecord, most: int) -> 
 
     Returns:
         Older answers, now deleted; the caller can delete their files. Shared answers are kept, and those
-            whose photo is on the map.
+            whose photo was added to the map and has not been removed from it.
     """
     row.map_id = record.id
     session.add(row)
     session.flush()
     shared = select(Share.query_id).where(Share.map_id == record.id, Share.query_id.is_not(None))
-    passing = (QueryRecord.adopted_id.is_(None), QueryRecord.id.not_in(shared))
+    there = select(Photo.id).where(Photo.map_id == record.id, ~Photo.removed)
+    not_on_map = or_(QueryRecord.adopted_id.is_(None), QueryRecord.adopted_id.not_in(there))
+    passing = (not_on_map, QueryRecord.id.not_in(shared))
     newest_first = (
         select(QueryRecord).where(QueryRecord.map_id == record.id, *passing).order_by(QueryRecord.id.desc())
     )
@@ -105,23 +107,28 @@ def answers(
     return list(session.scalars(found.order_by(QueryRecord.id)))
 
 
-def adopted(session: Session, record: MapRecord) -> list[tuple[int, int]]:
+def adopted(session: Session, record: MapRecord) -> list[tuple[Photo, QueryRecord, int]]:
     """List the photos on a map that were queries before; none if the map does not use them.
 
     Returns:
-        By id; with each, the id from which on photos were added after the answer.
+        By id; with each, its answer, and the id from which on photos were added after that.
     """
     if not record.uses_adopted:
         return []
     newer = select(func.min(Photo.id)).where(Photo.map_id == record.id, Photo.uploaded_at >= QueryRecord.at)
     placed = (Photo.map_id == record.id, Photo.x_px.is_not(None), ~Photo.removed)
     found = session.execute(
-        select(Photo.id, newer.correlate(QueryRecord).scalar_subquery())
+        select(Photo, QueryRecord, newer.correlate(QueryRecord).scalar_subquery())
         .join(QueryRecord, QueryRecord.adopted_id == Photo.id)
         .where(QueryRecord.map_id == record.id, *placed)
         .order_by(Photo.id, QueryRecord.id.desc())
     )
-    return [*{id: (id, record.next_id if newer is None else newer) for id, newer in found}.values()]
+    return [
+        *{
+            photo.id: (photo, query, record.next_id if newer is None else newer)
+            for photo, query, newer in found
+        }.values()
+    ]
 
 
 def names(session: Session, rows: list[QueryRecord]) -> dict[int, str]:

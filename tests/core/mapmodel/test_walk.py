@@ -1,6 +1,9 @@
 """The way through the photos of a map, for layouts with obvious answers."""
 
+import time
+
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -83,6 +86,25 @@ def test_photos_on_one_spot_are_turns_and_those_that_look_the_same_way_are_left_
 def test_a_step_is_not_much_longer_than_usual():
     assert plan_walk([*path(5), Stop(9, 1000.0, 0.0)]).steps[4][0].id == 3
     assert 9 not in {step.id for step in plan_walk([*path(5), Stop(9, 1000.0, 0.0)]).steps[4]}
+
+
+def test_many_photos_on_a_spot_do_not_hide_the_next_one():
+    stops = [Stop(n, 10.0 * (n // 90), 0.0, heading_deg=EAST + 0.1 * (n % 90)) for n in range(180)]
+    (step,) = plan_walk(stops).steps[22]
+    assert (step.id, step.bearing_deg) == (112, pytest.approx(EAST))  # the photo that looks the same way
+    assert plan_walk(stops).by_place in (tuple(range(180)), (*range(90, 180), *range(90)))
+
+
+def test_many_photos_on_a_spot_cost_no_more_than_as_many_spots():
+    def seconds(positions):
+        stops = [Stop(n, *at, heading_deg=n % 360) for n, at in enumerate(positions.tolist())]
+        begun = time.process_time()
+        plan_walk(stops)
+        return time.process_time() - begun
+
+    spread = np.random.default_rng(0).uniform(0, 1000, (6000, 2))
+    for spots in (1, 60):
+        assert seconds(spread[np.arange(6000) % spots]) < 2.0 * seconds(spread)
 
 
 COORDINATES = st.floats(-1e5, 1e5, width=32)

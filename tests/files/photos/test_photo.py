@@ -367,6 +367,29 @@ def test_colours_of_16_bits_of_which_few_are_used_are_stretched(black, white, ki
     assert "contrast was stretched" in contrast_note(data, limits=LIMITS)
 
 
+@pytest.mark.parametrize("white", [0, 1023], ids=["black", "dark"])
+def test_stretching_colours_takes_twelve_bytes_for_each_pixel_at_most(white):
+    size = (1500, 2000)
+    ramp = np.linspace(0, white, size[1]).astype(np.uint16)[:, None]
+    opaque = np.full((size[1], 1), 65535, np.uint16)
+    rows = np.tile(np.hstack([ramp, ramp, ramp, opaque]), (size[0], 1, 1))
+    data = cv2.imencode(".png", rows)[1].tobytes()
+    tracemalloc.start()
+    with open_image(data, limits=LIMITS) as image:
+        assert decode(image, "RGB").max() == (255 if white else 0)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 12.2 * size[0] * size[1]
+
+
+def test_colours_of_very_large_photos_are_not_stretched(monkeypatch):
+    monkeypatch.setattr("webapp.files.decode.MOST_OF_16_BITS", 48 * 64 - 1)
+    data = cv2.imencode(".png", np.full((48, 64, 3), (0, 600, 1000), np.uint16))[1].tobytes()
+    with open_image(data, limits=LIMITS) as image:
+        assert decode(image, "RGB")[0, 0].tolist() == [3, 2, 0]
+    assert contrast_note(data, limits=LIMITS) is None
+
+
 def test_colours_of_all_16_bits_are_not_stretched():
     data = cv2.imencode(".png", np.full((48, 64, 3), (0, 30_000, 65_535), np.uint16))[1].tobytes()
     with open_image(data, limits=LIMITS) as image:

@@ -30,6 +30,8 @@ def test_a_copy_has_everything(adopt, library, edit, owner, rows, id_of):
     edit(map_id, {"photo/1": {"x_px": 200.0, "y_px": 100.0, "radius_px": 7.5}})
     clicked = {"x_px": 2.0, "y_px": 3.5, "photos": [{"id": 1, "x": 0.5, "y": 0.25}]}
     edit(map_id, {"point/gate": clicked}, kind="control-points")
+    with library.database.write() as session:
+        session.get(MapRecord, map_id).uses_adopted = False
     export.export_map(library, map_id)
     slug = duplicate_map.duplicate_map(library, map_id, account_id=owner, name="Park copy")
     export.export_late_maps(library)
@@ -45,7 +47,9 @@ def test_a_copy_has_everything(adopt, library, edit, owner, rows, id_of):
     assert {id: row.x_px for id, row in found.items()} == {0: None, 1: 200}
     assert (library.map_folder(slug) / found[0].path).is_file()
     with library.database.read() as session:
-        assert not export.changed_outside(session.get(MapRecord, id_of(slug)), library.cfg(slug))
+        copy = session.get(MapRecord, id_of(slug))
+        assert not export.changed_outside(copy, library.cfg(slug))
+        assert copy.uses_adopted is False
 
 
 def test_a_copy_has_no_files_of_what_its_map_has_not_any_more(adopt, library, edit, owner, id_of):

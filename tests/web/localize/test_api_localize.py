@@ -6,6 +6,7 @@ import json
 import math
 import shutil
 from dataclasses import replace
+from threading import BoundedSemaphore, Event
 
 import pytest
 from sqlalchemy import func, select, update
@@ -20,6 +21,7 @@ from webapp.tasks.localize import readiness, upload
 from webapp.tasks.localize.pipeline import LocalizationPipeline
 from webapp.tasks.localize.plan import OpenOptions
 from webapp.tasks.maps import adopt_map
+from webapp.threads import permit
 from webapp.web.localize import api_localize
 
 KEYS = {
@@ -86,6 +88,28 @@ def test_the_first_look_is_sent_before_the_answer(client, sample, ask, queries, 
     )
     assert {key: so_far[key] for key in KEYS} == {key: answer[key] for key in KEYS}
     assert client.get(f"/api/v1/maps/sample/queries/{answer['id']}").get_json()["answer"] == so_far
+
+
+def test_the_work_ends_when_its_client_has_gone_and_counts_until_then(
+    app, client, sample, ask, queries, library, monkeypatch
+):
+    may_end, run = Event(), LocalizationPipeline.observe
+
+    def twice(pipeline, photo, *, on_first, **options):
+        may_end.wait(20)
+        answer = run(pipeline, photo, **options)
+        on_first(answer)
+        return answer
+
+    monkeypatch.setattr(LocalizationPipeline, "observe", twice)
+    free = app.extensions["expmap_concurrency"]["answers"] = BoundedSemaphore(1)
+    client.environ_base["HTTP_ACCEPT"] = "text/event-stream, application/json;q=0.5"
+    ask(client, queries / "query_01.jpg").close()
+    assert ask(client, queries / "query_01.jpg").status_code == 503
+    may_end.set()
+    with permit(free):
+        assert client.get("/api/v1/maps/sample/queries").get_json()["queries"] == []
+        assert list(library.uploads.iterdir()) == []
 
 
 def test_an_error_before_the_first_event_has_its_status(client, sample, ask):

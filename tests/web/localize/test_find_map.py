@@ -3,6 +3,7 @@
 import io
 import json
 from concurrent.futures import ThreadPoolExecutor
+from threading import BoundedSemaphore, Event
 
 import pytest
 from click.testing import CliRunner
@@ -16,6 +17,9 @@ from webapp.tasks.localize import map_cache
 from webapp.tasks.localize.map_cache import MapCache
 from webapp.tasks.localize.plan import OpenOptions
 from webapp.tasks.localize.upload import UploadedPhoto
+from webapp.threads import permit
+
+EVENTS = "text/event-stream, application/json;q=0.5"
 
 
 def ask(browser, path):
@@ -43,11 +47,35 @@ def test_the_map_is_found_and_others_are_named(client, sample, empty, queries):
 
 
 def test_which_map_is_being_searched_is_sent_as_an_event(client, sample, queries):
-    client.environ_base["HTTP_ACCEPT"] = "text/event-stream, application/json;q=0.5"
+    client.environ_base["HTTP_ACCEPT"] = EVENTS
     progress, answer = ask(client, queries / "query_02.jpg").get_data(as_text=True).split("\n\n")[:-1]
     assert progress.startswith("event: progress\ndata: ")
     assert json.loads(progress.split("data: ")[1]) == {"map": "Sample", "done": 0, "total": 1}
     assert json.loads(answer.removeprefix("event: answer\ndata: "))["maps"][0]["slug"] == "sample"
+
+
+def test_a_search_ends_when_its_client_has_gone_and_counts_until_then(
+    app, client, sample, empty, queries, library, monkeypatch
+):
+    searched, may_end = [], Event()
+
+    def slowly(_cache, map_id, *, request):
+        searched.append(map_id)
+        may_end.wait(20)
+        raise NotReady("it has no index")
+
+    monkeypatch.setattr(find_map.upload, "localize_uploads", slowly)
+    free = app.extensions["expmap_concurrency"]["answers"] = BoundedSemaphore(1)
+    for accepted, status in (EVENTS, 200), (EVENTS, 503), ("application/json", 503):
+        client.environ_base["HTTP_ACCEPT"] = accepted
+        answer = ask(client, queries / "query_02.jpg")
+        assert answer.status_code == status
+        answer.close()
+    may_end.set()
+    with permit(free):
+        assert len(searched) == 1
+        assert list(library.uploads.iterdir()) == []
+    assert len(ask(client, queries / "query_02.jpg").json["not_searched"]) == 2
 
 
 def test_why_a_map_was_not_searched_is_in_the_language_of_the_page(client, empty, queries):

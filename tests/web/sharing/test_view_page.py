@@ -84,6 +84,20 @@ def test_visitors_see_cameras_only_with_originals(stranger, share, library, orig
     assert {photo["camera"] for photo in state["photos"]} == {seen}
 
 
+@pytest.mark.parametrize(("originals", "seen"), [(False, []), (True, [2, 1, 0])])
+def test_visitors_see_in_which_order_photos_were_taken_only_with_originals(
+    client, stranger, share, walked, library, originals, seen
+):
+    with library.database.write() as session:
+        for id in range(3):
+            taken = f"2024-05-01T1{2 - id}:00:00"
+            session.execute(update(Photo).where(Photo.id == id).values(taken_at=taken))
+    page = stranger.get(f"/s/{share(photos=True, originals=originals)}").text
+    assert data_of(page, "walk")["by_time"] == seen
+    assert [photo["id"] for photo in data_of(page, "state")["photos"]] == [0, 1, 2]
+    assert data_of(client.get(f"/maps/{walked}/view").text, "walk")["by_time"] == [2, 1, 0]
+
+
 def test_the_owner_says_what_the_map_is(client, stranger, share, walked):
     said = {"name": "Park", "description": " The park \n in May.  "}
     assert client.post(f"/maps/{walked}/settings/name", data=said).status_code == 303
@@ -94,8 +108,16 @@ def test_the_owner_says_what_the_map_is(client, stranger, share, walked):
     with zipfile.ZipFile(io.BytesIO(client.get(f"/api/v1/maps/{walked}/export.zip").data)) as exported:
         (name,) = (one for one in exported.namelist() if one.endswith("map.json"))
         assert json.loads(exported.read(name))["description"] == "The park in May."
-    client.post(f"/maps/{walked}/settings/name", data={"name": "Park"})
-    assert client.get(f"/api/v1/maps/{walked}").json["description"] is None
+    revision = client.get(f"/api/v1/maps/{walked}").json["revision"]
+    for sent, kept, revisions in (
+        ({"name": "Park"}, "The park in May.", 0),
+        (said, "The park in May.", 0),
+        ({"name": "Wood", "description": "Ash."}, "Ash.", 1),
+        ({"name": "Wood", "description": ""}, None, 2),
+    ):
+        assert client.post(f"/maps/{walked}/settings/name", data=sent).status_code == 303
+        state = client.get(f"/api/v1/maps/{walked}").json
+        assert (state["description"], state["revision"]) == (kept, revision + revisions)
 
 
 def test_a_description_that_is_too_long_is_refused(client, walked):

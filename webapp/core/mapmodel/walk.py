@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 NEIGHBOURS = 20
-"""Nearest photos among which the next one of a tour, and the steps of a photo, are looked for."""
+"""Nearest spots among which the next one of a tour, and the steps of a photo, are looked for."""
 STEPS = 6
 """Maximum number of steps from a photo."""
 APART_DEG = 40.0
@@ -84,17 +85,30 @@ def _floors(stops: Iterable[Stop]) -> list[list[Stop]]:
 def _tour_of_floors(stops: Iterable[Stop], *, after: Stop | None = None) -> list[Stop]:
     tour: list[Stop] = []
     for floor in _floors(stops):
-        ground = _ground(floor)
+        ground, spots = _spots(floor)
         last = tour[-1] if tour else after
         # A tour begins at an end of the place, or near where one comes from.
-        away = np.hypot(*(ground - (ground.mean(0) if last is None else (last.east, last.north))).T)
+        centre = np.mean([(s.east, s.north) for s in floor], 0)
+        away = np.hypot(*(ground - (centre if last is None else (last.east, last.north))).T)
         start = int(away.argmax() if last is None else away.argmin())
-        tour += [floor[n] for n in _tour(ground, start)]
+        tour += [stop for n in _tour(ground, start) for stop in spots[n]]
     return tour
 
 
+def _spots(stops: Sequence[Stop]) -> tuple[NDArray[np.float64], list[list[Stop]]]:
+    """Group photos by position, so that many on one spot cost no more than as many spots."""
+    ground = np.array([(s.east, s.north) for s in stops], np.float64)
+    of_search = _of_search(ground)
+    spots: dict[bytes, list[int]] = {}
+    for n, position in enumerate(of_search):
+        spots.setdefault(position.tobytes(), []).append(n)
+    return ground[[members[0] for members in spots.values()]], [
+        [stops[n] for n in members] for members in spots.values()
+    ]
+
+
 def _tour(ground: NDArray[np.float64], start: int) -> list[int]:
-    """Go to the nearest photo that was not visited yet, again and again."""
+    """Go to the nearest spot that was not visited yet, again and again."""
     near, _ = _nearest(ground)
     left = np.ones(len(ground), bool)
     tour = [start]
@@ -114,19 +128,55 @@ def _tour(ground: NDArray[np.float64], start: int) -> list[int]:
 
 def _steps(stops: Sequence[Stop]) -> Iterable[tuple[int, tuple[Step, ...]]]:
     """Find the steps of the photos of one floor."""
-    ground = _ground(stops)
+    ground, members = _spots(stops)
+    spots = [_Spot(found) for found in members]
     near, away = _nearest(ground)
     usual = _usual_distance(away)
     offsets = ground[near] - ground[:, None]
-    bearings = np.degrees(np.arctan2(offsets[..., 0], offsets[..., 1])) % 360.0
-    for n, stop in enumerate(stops):
+    angles = np.degrees(np.arctan2(offsets[..., 0], offsets[..., 1])) % 360.0
+    bearings = angles.tolist()
+    for n, spot in enumerate(spots):
         beyond = away[n][away[n] > _SAME_SPOT * usual]
         most = _FAR * max(usual, beyond.min(initial=np.inf) if beyond.size else 0.0)
-        options = []
-        for other, bearing, distance in zip(near[n], bearings[n].tolist(), away[n].tolist(), strict=True):
-            if other != n and distance <= most:
-                options += _option(stop, stops[other], bearing=bearing, distance=distance, usual=usual)
-        yield stop.id, _spread(options)
+        around = [
+            (spots[other], bearing, distance)
+            for other, bearing, distance in zip(near[n].tolist(), bearings[n], away[n].tolist(), strict=True)
+            if other != n and distance <= most
+        ]
+        for stop in members[n]:
+            options = []
+            for other in spot.turns:
+                if other is not stop:
+                    options += _option(stop, other, bearing=0.0, distance=0.0, usual=usual)
+            for there, bearing, distance in around:
+                found = there.most_alike(stop)
+                options += _option(stop, found, bearing=bearing, distance=distance, usual=usual)
+            yield stop.id, _spread(options)
+
+
+class _Spot:
+    """The photos of one spot, arranged so that few of them are looked at for each step."""
+
+    def __init__(self, stops: Sequence[Stop]) -> None:
+        by_id = sorted(stops, key=lambda s: s.id)
+        self._first = next((s for s in by_id if s.all_around), by_id[0])
+        self._one = len(by_id) == 1 or self._first.all_around
+        self._unknown = [s for s in by_id if s.heading_deg is None][:1]
+        directed = [(s.heading_deg % 360.0, s) for s in by_id if s.heading_deg is not None]
+        directed.sort(key=lambda one: one[0])
+        self._headings = [heading for heading, _ in directed]
+        self._directed = [s for _, s in directed]
+        self.turns = by_id
+        if len(by_id) > 360.0 / APART_DEG:  # one for each direction, as no more of them are steps
+            self.turns = [*{heading // APART_DEG: s for heading, s in reversed(directed)}.values()]
+
+    def most_alike(self, stop: Stop) -> Stop:
+        """Return the photo that looks most like the same way as another; a panorama looks every way."""
+        if self._one or stop.heading_deg is None or not self._directed:
+            return self._first
+        at = bisect_left(self._headings, stop.heading_deg % 360.0)
+        options = [self._directed[at - 1], self._directed[at % len(self._directed)], *self._unknown]
+        return min(options, key=lambda other: (_cost_of_turn(_turn(stop, other)), other.id))
 
 
 def _option(
@@ -135,12 +185,14 @@ def _option(
     """Return the step to another photo and its cost, lower if that looks the same way; or nothing."""
     turn = _turn(stop, other)
     if distance > _SAME_SPOT * usual:
-        return [
-            (distance * (1.0 + (45.0 if turn is None else turn) / 90.0), Step(other.id, bearing, distance))
-        ]
+        return [(distance * _cost_of_turn(turn), Step(other.id, bearing, distance))]
     if turn is None or turn < _LEAST_TURN_DEG or other.heading_deg is None or other.all_around:
         return []
-    return [(_SAME_SPOT * usual * (1.0 + turn / 90.0), Step(other.id, other.heading_deg, 0.0))]
+    return [(_SAME_SPOT * usual * _cost_of_turn(turn), Step(other.id, other.heading_deg, 0.0))]
+
+
+def _cost_of_turn(turn: float | None) -> float:
+    return 1.0 + (45.0 if turn is None else turn) / 90.0
 
 
 def _turn(stop: Stop, other: Stop) -> float | None:
@@ -173,13 +225,15 @@ def _usual_distance(away: NDArray[np.float64]) -> float:
     return float(np.median(apart[np.isfinite(apart)])) if np.isfinite(apart).any() else 0.0
 
 
-def _ground(stops: Sequence[Stop]) -> NDArray[np.float64]:
-    return np.array([(s.east, s.north) for s in stops], np.float64).reshape(-1, 2)
+def _of_search(ground: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return positions as the search compares them."""
+    found: NDArray[np.float32] = (ground - ground.mean(0)).astype(np.float32) + np.float32(0.0)  # no -0
+    return found
 
 
 def _nearest(ground: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Find the nearest photos of each, itself included, and their distances."""
-    centred = (ground - ground.mean(0)).astype(np.float32)
+    """Find the nearest spots of each, itself included, and their distances."""
+    centred = _of_search(ground)
     count = min(NEIGHBOURS + 1, len(ground))
     near, _ = cv2.flann.Index(centred, _KD_TREE).knnSearch(centred, count, params={"checks": -1})
     away = np.hypot(*np.moveaxis(ground[near] - ground[:, None], -1, 0))

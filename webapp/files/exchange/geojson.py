@@ -23,7 +23,10 @@ _CRS = re.compile(
 )
 """`EPSG:25833`, `urn:ogc:def:crs:EPSG::25833`, `http://www.opengis.net/def/crs/EPSG/0/25833`, `25833` ..."""
 
-_WGS84 = {"EPSG:4326", "EPSG:4979", "OGC:CRS84", "OGC:CRS84H"}
+_WGS84 = {"EPSG:4326", "EPSG:4979", "OGC:CRS84", "OGC:CRS84H", "CRS84", "CRS84H", "WGS84"}
+
+_NAMED_BY = ("name", "code", "urn", "href")
+"""Properties of a `crs`, of any type, that name it."""
 
 EXPORT_WGS84 = "export it in WGS 84 (EPSG:4326)"
 NO_PLANE = "the coordinates, such as {}, are beyond degrees, and the file states no coordinate system"
@@ -43,9 +46,10 @@ def stated_plane(holder: Any, usual: str | None = None, *, error: type[InputErro
         return usual
     about = given.get("properties")
     about = about if isinstance(about, dict) else {}
-    named = str(about.get("name") or about.get("code") or about.get("href") or given.get("type"))
-    found = _CRS.fullmatch(named.strip())
-    code = f"{(found[1] or 'EPSG').upper()}:{found[2]}" if found else named
+    named = str(next(filter(None, map(about.get, _NAMED_BY)), given.get("type")))
+    found = _CRS.fullmatch(named.strip().replace("WGS 84", "WGS84"))
+    usual_authority = "EPSG" if found and found[2].isdecimal() else ""
+    code = f"{found[1] or usual_authority}:{found[2]}".strip(":").upper() if found else named
     if code in _WGS84:
         return None
     try:

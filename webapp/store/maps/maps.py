@@ -62,32 +62,34 @@ def checked_name(name: str) -> str:
     return tidy
 
 
-def rename(record: MapRecord, name: str) -> None:
-    """Rename a map; this is a new revision, as its files contain the name, too.
+def rename(record: MapRecord, name: str, *, description: str | None = None) -> None:
+    """Rename a map; this is a new revision if something differs, as its files contain the name, too.
+
+    Args:
+        description: What the map is, for visitors; empty for none. None keeps it.
 
     Raises:
-        UsageError: The name is empty or too long.
+        UsageError: The name is empty or too long, or the description is too long or not printable.
     """
-    record.name = checked_name(name)
+    wanted = (
+        checked_name(name),
+        record.description if description is None else _checked_description(description),
+    )
+    if wanted == (record.name, record.description):
+        return
+    record.name, record.description = wanted
     record.revision += 1
     record.changed_at = now()
 
 
-def describe(record: MapRecord, text: str) -> None:
-    """Write what a map is, for visitors; an empty text removes it. A new revision, as by `rename`.
-
-    Raises:
-        UsageError: The text is too long, or not printable.
-    """
+def _checked_description(text: str) -> str | None:
     tidy = " ".join(text.split())
     if DESCRIPTION.problem(tidy):
         raise UsageError(
             "this is not a valid description of a map",
             hint=f"give one line of at most {DESCRIPTION.most} printable characters",
         )
-    record.description = tidy or None
-    record.revision += 1
-    record.changed_at = now()
+    return tidy or None
 
 
 def find(session: Session, slug: str, *, account: Account, role: Role = "viewer") -> MapRecord:
@@ -206,13 +208,9 @@ class Dot(NamedTuple):
     floor: int = 0
 
 
-def first_photos(session: Session, record: MapRecord, *, most: int, placed: bool = False) -> list[Photo]:
-    """List the photos that a page shows first: those in the tray, then the others, each by time.
-
-    Args:
-        placed: Whether to list only photos with a position.
-    """
-    found = select(Photo).where(*_present(record, placed=placed))
+def first_photos(session: Session, record: MapRecord, *, most: int) -> list[Photo]:
+    """List the photos that a page shows first: those in the tray, then the others, each by time."""
+    found = select(Photo).where(*_present(record, placed=False))
     order = (Photo.x_px.is_not(None), Photo.taken_at.is_(None), Photo.taken_at, Photo.name, Photo.id)
     return list(session.scalars(found.order_by(*order).limit(most)))
 
@@ -220,13 +218,17 @@ def first_photos(session: Session, record: MapRecord, *, most: int, placed: bool
 def photos_after(
     session: Session, record: MapRecord, id: int, *, most: int, placed: bool = False
 ) -> list[Photo]:
-    """List the photos after an id, except removed ones, sorted by id; `placed` as for `first_photos`."""
+    """List the photos after an id, except removed ones, sorted by id.
+
+    Args:
+        placed: Whether to list only photos with a position.
+    """
     found = select(Photo).where(*_present(record, placed=placed), Photo.id > id)
     return list(session.scalars(found.order_by(Photo.id).limit(most)))
 
 
 def dots(session: Session, record: MapRecord, *, placed: bool = False) -> list[Dot]:
-    """List the dots of all photos, except removed ones, sorted by id; `placed` as for `first_photos`."""
+    """List the dots of all photos, except removed ones, sorted by id; `placed` as for `photos_after`."""
     columns = select(Photo.id, Photo.x_px, Photo.y_px, Photo.heading_deg, Photo.fov_deg, Photo.floor)
     rows = session.execute(columns.where(*_present(record, placed=placed)).order_by(Photo.id))
     return [Dot._make(row) for row in rows]

@@ -28,6 +28,7 @@ from webapp.tasks.maps.library_map import floors
 
 _RECORD_FIELDS = (
     "description",
+    "uses_adopted",
     "next_id",
     "satellite_path",
     "satellite_width",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from webapp.files.exchange.answers import (
     AnswerRow,
@@ -17,7 +17,6 @@ from webapp.store.schema import MapRecord, QueryRecord
 from webapp.tasks.exchange.export_source import Download, plain_name
 
 AnswerFormat = Literal["csv", "gpx", "geojson"]
-ANSWER_FORMATS: tuple[AnswerFormat, ...] = get_args(AnswerFormat)
 
 
 @dataclass(frozen=True, slots=True)

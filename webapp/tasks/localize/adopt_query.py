@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import secrets
 import shutil
@@ -10,9 +11,12 @@ from pathlib import Path
 
 from sqlalchemy.orm import Session
 
-from webapp.core.geo.types import MapPixel
+from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.local import LocalFrame
+from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import Conflict, NotFound, UsageError
 from webapp.files.atomic import storage_error
+from webapp.files.localize.adopted import AdoptedPhoto
 from webapp.files.part_file import discard
 from webapp.settings import Settings
 from webapp.store import queries
@@ -22,7 +26,13 @@ from webapp.store.schema import MapRecord, Photo, QueryRecord
 from webapp.tasks.localize import show_query
 from webapp.tasks.maps import add_photo
 from webapp.tasks.maps.add_photo import IncomingPhoto
+from webapp.tasks.maps.library_map import georeference
 from webapp.tasks.maps.placing import RequestedPose, find_spots, needed_image, place_spots
+
+_SAME_PX = 1.0
+"""A photo that is no farther from the answer's position was not moved by a person."""
+_CONFIRMS_M = 15.0
+"""GPS confirms a position that is at most so far away, if its own radius is at most that, too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +95,37 @@ def adopt_query(
         _place(session, record, photo=photo, at=at, account_id=account_id)
         queries.find(session, record, query_id).adopted_id = photo.id
     return Adopted(photo.id, position, heading, change.job)
+
+
+def independent_photos(session: Session, record: MapRecord) -> list[AdoptedPhoto]:
+    """List the photos on a map that were queries before, and whose positions say how right the answers were.
+
+    A position that was accepted as it was computed does not: if it is wrong, so is what would be learned.
+    """
+    found = georeference(record)
+    return [
+        AdoptedPhoto(photo.id, newer)
+        for photo, query, newer in queries.adopted(session, record)
+        if _is_corrected(photo, query) or _is_confirmed(photo, found)
+    ]
+
+
+def _is_corrected(photo: Photo, query: QueryRecord) -> bool:
+    first = next(iter(query.answer["hypotheses"]), None)
+    if first is None or photo.floor != first.get("floor", photo.floor):
+        return True
+    assert photo.x_px is not None and photo.y_px is not None
+    return math.dist((photo.x_px, photo.y_px), (first["x_px"], first["y_px"])) > _SAME_PX
+
+
+def _is_confirmed(photo: Photo, found: Georeference | None) -> bool:
+    """Return whether a photo's own GPS is near its position."""
+    if found is None or photo.gps_lat is None or photo.gps_lon is None:
+        return False
+    assert photo.x_px is not None and photo.y_px is not None
+    at, gps = found.latlon_of(MapPixel(photo.x_px, photo.y_px)), LatLon(photo.gps_lat, photo.gps_lon)
+    away = LocalFrame(gps).enu_of(at)
+    return math.hypot(away.east, away.north) <= _CONFIRMS_M and (photo.gps_accuracy_m or 0.0) <= _CONFIRMS_M
 
 
 def link_or_copy(source: Path, target: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +18,13 @@ from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps.library_map import floors, georeference
 
 _KEPT = 8
-"""Maps whose walk is kept in memory: that of 10 000 photos takes seconds."""
+"""Maps whose walk is kept in memory: that of 10 000 photos takes a second."""
+_LOCK = Lock()
+"""Of the walks in memory, so that there is one of each map."""
 
 
-def walk_of(session: Session, record: MapRecord) -> Walk:
-    """Plan the walk through the placed photos of a map."""
+def stops_of(session: Session, record: MapRecord) -> tuple[Stop, ...]:
+    """Read the placed photos of a map, for `walk_along`."""
     columns = (
         Photo.id,
         Photo.x_px,
@@ -36,14 +39,19 @@ def walk_of(session: Session, record: MapRecord) -> Walk:
     rows = session.execute(select(*columns).where(*placed).order_by(Photo.id)).all()
     levels = {floor.id: floor.level for floor in floors(record)}
     ground = _on_the_ground(georeference(record), np.array([row[1:3] for row in rows]).reshape(-1, 2))
-    return _planned(
-        tuple(
-            Stop(id, east, north, floor, levels.get(floor, 0.0), heading, taken_at, name, sphere is not None)
-            for (id, _, _, floor, heading, taken_at, name, sphere), (east, north) in zip(
-                rows, ground.tolist(), strict=True
-            )
+    return tuple(
+        Stop(id, east, north, floor, levels.get(floor, 0.0), heading, taken_at, name, sphere is not None)
+        for (id, _, _, floor, heading, taken_at, name, sphere), (east, north) in zip(
+            rows, ground.tolist(), strict=True
         )
     )
+
+
+def walk_along(stops: tuple[Stop, ...]) -> Walk:
+    """Plan the walk through the photos of a map, once at a time for the same ones; not in a session."""
+    with _LOCK:
+        plan = _plan_of(stops)
+    return plan.walk()
 
 
 def walk_of_map(map_: Map) -> Walk:
@@ -63,9 +71,22 @@ def walk_of_map(map_: Map) -> Walk:
     )
 
 
-@lru_cache(_KEPT)
-def _planned(stops: tuple[Stop, ...]) -> Walk:
-    return plan_walk(stops)
+class _Plan:
+    """The walk along some stops, planned when it is first needed."""
+
+    def __init__(self, stops: tuple[Stop, ...]) -> None:
+        self._stops = stops
+        self._lock = Lock()
+        self._walk: Walk | None = None
+
+    def walk(self) -> Walk:
+        with self._lock:
+            if self._walk is None:
+                self._walk = plan_walk(self._stops)
+            return self._walk
+
+
+_plan_of = lru_cache(_KEPT)(_Plan)
 
 
 def _on_the_ground(found: Georeference | None, pixels: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ from concurrent.futures import Future
 from contextlib import ExitStack
 from itertools import chain
 from queue import SimpleQueue
+from threading import Event
 from typing import Any, get_args
 
 from apiflask import Schema
@@ -19,15 +20,20 @@ from webapp.core.hypotheses.jsonform import answer_from_json
 from webapp.core.hypotheses.places import MAP_KINDS
 from webapp.core.hypotheses.verdict import Verdict, sentence_parts, verdict_of
 from webapp.errors import ExpMapError
+from webapp.progress import Progress
 from webapp.render.colours import INK, INLIER, OUTLIER, RGB, TRUTH, probability_colour, text_on
 from webapp.tasks.localize.upload import Send
 from webapp.threads import ContextThreads
+from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.errors import as_json, status_of
 from webapp.web.sending import PiecesWhileAllowed
 
 _STEPS = 100
 
 EVENT_STREAM = "text/event-stream"
+
+answers_limit = ConcurrencyLimit("answers", share=1.0)
+"""Of members' questions. With events, a permit is held until the work has ended, even without the client."""
 
 
 class CameraOut(Schema):
@@ -159,8 +165,8 @@ def answer_or_events(
 
     Args:
         held: What `find` needs, such as the photos; with events it is held until the last one.
-        find: Returns the answer; with events it runs in a thread, also after the client has gone, and gets a
-            function that sends `progress`, or `first` for the answer so far.
+        find: Returns the answer; with events it runs in a thread, and gets a function that sends `progress`,
+            or `first` for the answer so far. That raises Cancelled once the client has gone.
         form: Schema of the answer.
     """
     if request.accept_mimetypes.best_match(["application/json", EVENT_STREAM]) != EVENT_STREAM:
@@ -174,11 +180,27 @@ def answer_or_events(
     return _stream(find_in_thread, form)
 
 
+class _Client(Progress):
+    """Stops the work once the client has gone."""
+
+    def __init__(self) -> None:
+        self.gone = Event()
+
+    def cancelled(self) -> bool:
+        return self.gone.is_set()
+
+
 def _stream(find: Callable[[Send], dict[str, Any]], form: Schema) -> Response:
     """Send the events of `find`, then `answer` or `error`; an error before the first event is raised."""
     events: SimpleQueue[tuple[str, dict[str, Any]] | Future[dict[str, Any]]] = SimpleQueue()
+    client = _Client()
+
+    def send(kind: str, data: dict[str, Any]) -> None:
+        client.check()
+        events.put((kind, data))
+
     threads = ContextThreads(1)
-    final = threads.submit(find, lambda kind, data: events.put((kind, data)))
+    final = threads.submit(find, send)
     final.add_done_callback(events.put)
     threads.shutdown(wait=False)
     begun = events.get()
@@ -186,6 +208,7 @@ def _stream(find: Callable[[Send], dict[str, Any]], form: Schema) -> Response:
         begun.result()  # raises the error, if it is one
     pieces = stream_with_context(_events(chain([begun], iter(events.get, None)), form))
     response = Response(PiecesWhileAllowed(pieces), mimetype=EVENT_STREAM)
+    response.call_on_close(client.gone.set)
     response.headers["X-Accel-Buffering"] = "no"  # prevents nginx from buffering events
     response.headers["Cache-Control"] = "no-store"
     return response

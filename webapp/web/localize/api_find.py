@@ -21,7 +21,7 @@ from webapp.tasks.maps.add_photo import tidy_name
 from webapp.web.body_limits import limit_photo
 from webapp.web.context import account, authorized_by, library, settings
 from webapp.web.language import translate
-from webapp.web.localize.answers import Located, answer_or_events
+from webapp.web.localize.answers import Located, answer_or_events, answers_limit
 from webapp.web.localize.api_localize import map_cache
 from webapp.web.state import KEY as STATE
 
@@ -105,6 +105,7 @@ def find(given: dict[str, Any]) -> dict[str, Any] | Response:
     part, name = library().uploads / f"{secrets.token_hex(16)}.part", tidy_name(file.filename or "")
     check_space(library().uploads, 0, reserve_mb=settings().upload.reserve_mb)
     with ExitStack() as held:
+        held.enter_context(answers_limit.slot())
         held.callback(discard, part)
         receive(part, file.stream, max_bytes=int(settings().photo.max_mb * 1e6))
         photo, search, top = UploadedPhoto(part, name), _search(), given["top"]

@@ -38,7 +38,7 @@ from webapp.tasks.maps.pictures import give_original
 from webapp.web.body_limits import limit_photo
 from webapp.web.context import account, library, map_role, open_map, settings
 from webapp.web.fields import Boolean, BoundedList, RecordNumber
-from webapp.web.localize.answers import AnswerOut, answer_or_events
+from webapp.web.localize.answers import AnswerOut, answer_or_events, answers_limit
 from webapp.web.openapi import file_answer
 from webapp.web.operate import metrics
 from webapp.web.sending import send_picture, send_revalidated
@@ -46,6 +46,7 @@ from webapp.web.state import KEY as STATE
 
 blueprint = APIBlueprint("api_localize", __name__, url_prefix="/api/v1/maps/<slug>", tag="Localization")
 blueprint.before_request(partial(limit_photo, MAX_PHOTOS))
+blueprint.record(answers_limit.set_up)
 
 _CACHE = "expmap-map-cache"
 _MOST_TOP = 20
@@ -169,6 +170,7 @@ def localize(slug: str, *, given: dict[str, Any], sent: dict[str, str | None]) -
     options = _options(given["method"], given["features"])
     files = [file for file in given["file"] if isinstance(file, FileStorage)]  # an empty field is not a file
     with ExitStack() as stack:
+        stack.enter_context(answers_limit.slot())
         photos = stack.enter_context(received(record, files, again=given.get("query")))
         localize_request = replace(
             _request(photos, options, given), key=key, sequence=_sequence(record, given)

@@ -133,13 +133,12 @@ def settings(slug: str) -> str:
 
 @blueprint.post("/maps/<slug>/settings/name")
 def rename(slug: str) -> Response | tuple[str, int]:
-    """Change name and description of the map; its URL stays the same."""
+    """Change name and, if it is sent, description of the map; its URL stays the same."""
     record = open_map(slug, "owner")
     try:
         with library().database.write() as db:
             row = db.get_one(MapRecord, record.id)
-            maps.rename(row, text("name"))
-            maps.describe(row, text("description"))
+            maps.rename(row, text("name"), description=request.form.get("description"))
     except ExpMapError as error:
         return _settings_page(record, error=error), errors.status_of(error)
     flash(_("Saved."), "success")
@@ -148,12 +147,16 @@ def rename(slug: str) -> Response | tuple[str, int]:
 
 @blueprint.post("/maps/<slug>/settings/calibration")
 def set_calibration(slug: str) -> Response:
-    """Choose whether photos added from answers are real queries, and calibrate the map again."""
-    record = open_map(slug, "owner")
+    """Choose whether photos added from answers are real queries; if that is new, calibrate the map again."""
+    record, wanted = open_map(slug, "owner"), "adopted" in request.form
     with library().database.write() as db:
-        db.get_one(MapRecord, record.id).uses_adopted = "adopted" in request.form
-        jobs.enqueue(db, INDEX_JOB, map_id=record.id)
-    flash(_("Saved. The map is calibrated again in the background."), "success")
+        row = db.get_one(MapRecord, record.id)
+        again = row.uses_adopted != wanted and maps.counts(db, row)[1] > 0
+        row.uses_adopted = wanted
+        if again:
+            jobs.enqueue(db, INDEX_JOB, map_id=record.id)
+    said = _("Saved. The map is calibrated again in the background.") if again else _("Saved.")
+    flash(said, "success")
     return back("map_pages.settings", slug=slug)
 
 

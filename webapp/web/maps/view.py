@@ -12,7 +12,7 @@ from flask_babel import lazy_gettext as _l
 from webapp.core.mapmodel.walk import Walk
 from webapp.errors import UsageError
 from webapp.store.maps.timeline import days
-from webapp.tasks.maps.walk import walk_of
+from webapp.tasks.maps.walk import stops_of, walk_along
 from webapp.web.context import account, library, reading_map
 from webapp.web.maps import state as map_state
 from webapp.web.pages import Tab, page
@@ -33,12 +33,12 @@ def show(slug: str) -> str:
     """Show the photos of a map along their way; `?photo=ID` begins with one of them."""
     with reading_map(slug) as (session, record):
         state = map_state.of_page(session, record, account=account()) | {"can_edit": False}
-        walk = walk_json(walk_of(session, record))
+        stops = stops_of(session, record)
     return render_template(
         "maps/view.html",
         map=record,
         state=state,
-        walk=walk,
+        walk=walk_json(walk_along(stops)),
         written=map_state.written_facts(),
         services=offered_layers(),
     )
@@ -62,14 +62,17 @@ def timeline() -> str:
         )
 
 
-def walk_json(walk: Walk) -> dict[str, Any]:
+def walk_json(walk: Walk, *, times: bool = True) -> dict[str, Any]:
     """Return a walk for pages.
+
+    Args:
+        times: Whether the order in which the photos were taken may be known.
 
     Returns:
         `by_time`, `by_place`: ids; `steps`: by id, lists of id, bearing, and 1 for a turn on the spot.
     """
     return {
-        "by_time": walk.by_time,
+        "by_time": walk.by_time if times else (),
         "by_place": walk.by_place,
         "steps": {
             id: [[step.id, round(step.bearing_deg, 1), int(not step.distance)] for step in steps]

@@ -8,7 +8,7 @@ from webapp.errors import NotFound
 from webapp.store import sharing
 from webapp.store.sharing import OpenedShare
 from webapp.tasks.localize.index_location import has_landmarks
-from webapp.tasks.maps.walk import walk_of
+from webapp.tasks.maps.walk import stops_of, walk_along
 from webapp.web import errors
 from webapp.web.accounts.security import allow_framing
 from webapp.web.context import library, public
@@ -82,14 +82,14 @@ def _page(token: str, *, framed: bool, walks: bool = True) -> _Page:
             opened = sharing.open_share(session, token)
             state = shared_state.of_page(session, opened, token=token)
             can_walk = opened.share.photos and opened.query is None and bool(state["photos"])
-            walk = walk_json(walk_of(session, opened.map)) if can_walk and walks else None
+            stops = stops_of(session, opened.map) if can_walk and walks else ()
     except NotFound as error:
         return _gone(error, framed=framed)
     page = render_template(
-        "sharing/shared_view.html" if walk else "sharing/shared_map.html",
+        "sharing/shared_view.html" if stops else "sharing/shared_map.html",
         opened=opened,
         state=state,
-        walk=walk,
+        walk=walk_json(walk_along(stops), times=opened.share.originals) if stops else None,
         can_walk=can_walk,
         written=written_facts(),
         services=offered_layers(to_visitors=True) if state["georeference"] else (),

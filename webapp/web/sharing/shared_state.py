@@ -45,7 +45,8 @@ def whole(session: Session, opened: OpenedShare, *, token: str) -> dict[str, Any
 
 def of_page(session: Session, opened: OpenedShare, *, token: str) -> dict[str, Any]:
     """Return the initial state for the page of a share: see `webapp.web.maps.state.of_page`."""
-    first = maps.first_photos(session, opened.map, most=state.FIRST_PHOTOS, placed=True)
+    # By id, as an order by time would show when the photos were taken.
+    first = maps.photos_after(session, opened.map, -1, most=state.FIRST_PHOTOS, placed=True)
     shown = {photo.id for photo in first}
     others = (dot for dot in maps.dots(session, opened.map, placed=True) if dot.id not in shown)
     dots = state.columns(others)

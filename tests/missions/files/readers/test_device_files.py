@@ -281,6 +281,22 @@ def test_web_mercator_and_wgs84_by_name() -> None:
 @pytest.mark.parametrize(
     "crs",
     [
+        *({"type": "name", "properties": {"name": name}} for name in ("CRS84", "crs84", "WGS84", "WGS 84")),
+        {"type": "OGC", "properties": {"urn": "urn:ogc:def:crs:OGC:1.3:CRS84"}},
+        {"type": "name", "properties": {"name": "EPSG:4326"}},
+        {"type": "EPSG", "properties": {"code": 4326}},
+    ],
+)
+def test_other_names_of_wgs84_are_known(crs: dict[str, object]) -> None:
+    text = json.dumps({"type": "LineString", "coordinates": [[14.4, 50.1]], "crs": crs})
+    (piece,), findings = read(geojson_reader.read, text)
+    assert piece.poses.latlon.tolist() == [[50.1, 14.4]]
+    assert not any("transformed" in note for note in findings.notes)
+
+
+@pytest.mark.parametrize(
+    "crs",
+    [
         {"type": "link", "properties": {"href": "http://example.com/crs/42", "type": "proj4"}},
         {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::999999"}},
         {"type": "name", "properties": {"name": "+proj=utm +zone=33 +nadgrids=/etc/passwd"}},

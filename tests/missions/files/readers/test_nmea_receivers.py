@@ -129,6 +129,47 @@ def test_a_receiver_that_writes_whole_seconds_is_one_and_says_what_was_left_out(
     )  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("rate", "speed", "noise"),
+    [
+        (2, 0.0, 1.0),
+        (2, 0.1, 0.3),
+        (2, 0.2, 0.3),
+        (2, 1.3, 0.3),
+        (4, 1.3, 0.3),
+        (4, 1.3, 0.1),
+        (10, 1.3, 0.05),
+    ],
+)
+@pytest.mark.parametrize("moving", [1, 2], ids=["always", "with stops"])
+def test_noise_of_a_receiver_that_writes_whole_seconds_is_not_another_one(rate, speed, noise, moving):
+    """Speed in m/s and noise in m."""
+    scatter = np.random.default_rng(1).normal(0.0, noise / 111_320, (600 * rate, 2))
+    lines, east = [], 0.0
+    for tick, (lat, lon) in enumerate(scatter):
+        second = tick // rate
+        east += speed / rate / 71_500 if second // 60 % moving == 0 else 0.0
+        lines.append(gga(f"12{second // 60:02d}{second % 60:02d}", 50.1 + lat, 14.1 + east + lon / 0.643))
+    (piece,), findings = read_nmea("".join(lines))
+    assert len(piece.poses) == 600
+    (left_out,) = findings.skipped()
+    assert 0.98 <= left_out.count / (600 * (rate - 1)) <= 1.0, "some are equal, as written"
+
+
+@pytest.mark.parametrize("speed", [0.0, 1e-5])
+@pytest.mark.parametrize("number", [2, 3])
+def test_receivers_a_few_metres_apart_with_noise_are_separate(number, speed):
+    scatter = np.random.default_rng(1).normal(0.0, 0.3 / 111_320, (600, number, 2))
+    lines = []
+    for second in range(600):
+        for receiver, noise in enumerate(scatter[second]):
+            here = place(receiver, second, apart=3e-5, speed=speed) + noise + 0.1
+            lines.append(gga(f"12{second // 60:02d}{second % 60:02d}", *here))
+    pieces, _ = read_nmea("".join(lines))
+    assert [len(piece.poses) for piece in pieces] == [600] * number
+    assert all(np.ptp(piece.poses.latlon[:, 0]) < 3e-5 for piece in pieces)
+
+
 def test_sentences_that_are_repeated_are_not_those_of_another_receiver():
     (piece,), findings = read_nmea(
         "".join(2 * rmc(f"1200{n:02d}", *place(0, n, apart=0.0, speed=1e-4)) for n in range(20))

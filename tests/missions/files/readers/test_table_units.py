@@ -264,6 +264,20 @@ def test_half_a_time_of_gps_is_said(header, cells, times, note):
     assert any(one.startswith(note) for one in findings.notes)
 
 
+@pytest.mark.parametrize("week", ["week", "Week Number", "weekno"])
+def test_weeks_of_a_calendar_leave_relative_times_alone(week):
+    piece, findings = read(f"time,{week},lat,lon\n0,18,50,14\n1.5,18,50.1,14\n")
+    assert piece.poses.times_s.tolist() == [0.0, 1.5]
+    assert not any("week" in note for note in findings.notes)
+
+
+@pytest.mark.parametrize("week", ["gps_week", "GPSWeek", "wn", "GWk"])
+def test_weeks_of_ten_bits_with_relative_times_are_those_of_gps(week):
+    piece, findings = read(f"time,{week},lat,lon\n{SECONDS},{WEEK - 2048},50,14\n")
+    assert piece.poses.times_s.tolist() == [START - 2048 * 7 * 86_400 + 18 - 4], "4 leap seconds in 1987"
+    assert any(note.startswith("week 368 is one of 1980 to 1999") for note in findings.notes)
+
+
 def test_weeks_can_be_named_and_need_their_seconds():
     text = f"a,b,lat,lon\n{WEEK},{SECONDS}000,50,14\n"
     piece, _ = read(text, columns="week=a, tow=b:ms, lat=lat, lon=lon")

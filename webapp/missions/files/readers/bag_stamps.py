@@ -24,6 +24,9 @@ _APART_S = 3600.0
 _JUMP_S = 60.0
 """Change of the time between stamp and recording from one message to the next, of stamps that jump."""
 
+_LEAST_JUMPS = 3
+"""Fewer are single odd stamps, each of which makes two, or a clock that was set."""
+
 NO_STAMP = "messages without a time stamp, which have the time of their recording"
 BAD_STAMP = "messages whose time stamp cannot be right, which have the time of their recording"
 BACK = "time stamps that jump back, while the recording goes on"
@@ -44,6 +47,9 @@ class TopicClock:
     trusts_stamps: bool = True
     last: dict[tuple[str, str], Stamp] = field(default_factory=dict)  # By frames, as of several robots
 
+    def trusts(self, stamp_s: float, recorded_s: float) -> bool:
+        return self.trusts_stamps and _is_possible(stamp_s, recorded_s)
+
     def time(
         self, stamp_s: float | None, recorded_s: float, *, frames: tuple[str, str], findings: Findings
     ) -> float:
@@ -51,7 +57,7 @@ class TopicClock:
         if stamp_s is None:
             findings.doubt(NO_STAMP, where=self.topic)
             return recorded_s
-        if not self.trusts_stamps or not _is_possible(stamp_s, recorded_s):
+        if not self.trusts(stamp_s, recorded_s):
             findings.doubt(BAD_STAMP, where=f"{self.topic}, {utc([stamp_s])[0][:10]}")
             return recorded_s
         before_s, before_recorded_s = self.last.get(frames, (stamp_s, recorded_s))
@@ -70,7 +76,7 @@ def clock_of(topic: str, series: Sequence[Sequence[Stamp]], *, findings: Finding
     steps = [abs((b[0] - b[1]) - (a[0] - a[1])) for one in series for a, b in pairwise(one)]
     possible = sum(_is_possible(*stamp) for stamp in stamps)
     jumping = sum(step > _JUMP_S for step in steps)
-    if 2 * possible < len(stamps) or 2 * jumping > len(steps):
+    if 2 * possible < len(stamps) or (jumping >= _LEAST_JUMPS and 2 * jumping > len(steps)):
         return TopicClock(topic, trusts_stamps=False)
     usual = statistics.median(ahead)
     if abs(usual) > _APART_S:

@@ -72,6 +72,9 @@ _IN_MILLISECONDS = {"gms", "itow", "i_tow"}
 """Headers of seconds of the week in milliseconds, as u-blox and ArduPilot name them."""
 
 _WEEKS_OF_10_BITS = 1024
+_WEEK_OF_GPS = re.compile(r"gps|\bgwk|\bwn", re.IGNORECASE)
+"""In headers of weeks that are not those of a calendar."""
+
 _NO_DEGREES = 360.0
 _EXIF_DATE = re.compile(r"(\d{4}):(\d\d):(\d\d)(?=[ T]|$)")
 
@@ -533,6 +536,9 @@ def _choose_weeks(
     is_local = time is not None and read_header(header[time.index]).basis < 0
     if holds >= _Holds.CLOCK and not (is_local and week and tow):
         return others, said
+    number = _largest(rows, week) if week else 0.0
+    if tow is None and week and number < _WEEKS_OF_10_BITS and not _WEEK_OF_GPS.search(header[week.index]):
+        return others, said
     if tow is None and holds is _Holds.RELATIVE:
         tow = time
     if week is None and tow is not None:
@@ -545,9 +551,8 @@ def _choose_weeks(
     if week is None or tow is None:
         note = "the weeks of GPS are not used: no column has the seconds of the week"
         return others, [*said, note]
-    number, longest = (_largest(rows, column) for column in (week, tow))
     name = header[tow.index].strip()
-    if read_header(name).unit is None and (longest > WEEK_S or name.lower() in _IN_MILLISECONDS):
+    if read_header(name).unit is None and (_largest(rows, tow) > WEEK_S or name.lower() in _IN_MILLISECONDS):
         tow = replace(tow, scale=1e-3)
     notes = [f"the times are weeks of GPS and seconds of the week in {name}: they were converted to UTC"]
     if number < _WEEKS_OF_10_BITS:

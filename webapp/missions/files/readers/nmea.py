@@ -66,6 +66,9 @@ _MOST_RECEIVERS = 4
 _TO_AND_FRO = 1.15
 """Least ratio of the way through the positions of several receivers to their own ways."""
 
+_LASTING = 0.5
+"""Largest change of the offset of a receiver from another one, from one time to the next, to the offset."""
+
 _TURNS = 0.5
 """Least share of changes of the talker for which a log has two receivers: one changes it rarely."""
 
@@ -309,15 +312,15 @@ class _Crowd:
     """Counts the positions at the same times.
 
     A receiver that writes whole seconds has several as well. But these lie along its way, and those of
-    several receivers to and fro.
+    several receivers to and fro; or else they are noise, and the offsets between receivers last.
     """
 
     epochs: _Epochs = field(default_factory=lambda: _Epochs(depth=2))
     times: int = 0
     numbers: Counter[int] = field(default_factory=Counter)
     before: list[LatLon] = field(default_factory=list)
-    all_m: float = 0.0  # Length of the way through all positions
-    each_m: float = 0.0  # That of the ways of single receivers, on average
+    compared: int = 0  # Pairs of times
+    apart: int = 0  # Those with the positions of several receivers
 
     def add(self, sentence: _Sentence) -> None:
         if sentence.clock is not None and sentence.kind not in ("ZDA", "WPL"):
@@ -330,8 +333,8 @@ class _Crowd:
             self.times += bool(places)
             self.numbers[len(places)] += len(places) > 1
             if len(places) > 1 and len(places) == len(self.before):
-                self.all_m += sum(_apart_m(*pair) for pair in pairwise([self.before[-1], *places]))
-                self.each_m += sum(map(_apart_m, self.before, places)) / len(places)
+                self.compared += 1
+                self.apart += any(_are_apart(self.before, order) for order in (places, places[::-1]))
             self.before = places if len(places) > 1 else self.before
 
     def receivers(self) -> int:
@@ -340,7 +343,17 @@ class _Crowd:
         several = self.numbers.total()
         if several < max(_LEAST_TOGETHER, _TOGETHER * self.times) or number > _MOST_RECEIVERS:
             return 1
-        return number if self.all_m > _TO_AND_FRO * self.each_m else 1
+        return number if 2 * self.apart > self.compared else 1
+
+
+def _are_apart(before: list[LatLon], places: list[LatLon]) -> bool:
+    """Return whether the positions at two times are those of several receivers, in the same order."""
+    all_m = sum(_apart_m(*pair) for pair in pairwise([before[-1], *places]))
+    each_m = sum(map(_apart_m, before, places)) / len(places)
+    offsets = [
+        (_offset_m(*a), _offset_m(*b)) for a, b in zip(pairwise(before), pairwise(places), strict=True)
+    ]
+    return all_m > _TO_AND_FRO * each_m and all(abs(b - a) < _LASTING * abs(b) for a, b in offsets)
 
 
 @dataclass(slots=True)
@@ -362,10 +375,14 @@ class _Receiver:
         return _apart_m(ahead, place)
 
 
-def _apart_m(a: LatLon, b: LatLon) -> float:
-    """Return the distance of two positions, roughly."""
+def _offset_m(a: LatLon, b: LatLon) -> complex:
+    """Return how far a position is east (real) and north (imaginary) of another one, roughly."""
     east = math.remainder(a.lon - b.lon, 360.0) * math.cos(math.radians(a.lat))
-    return 111_320.0 * math.hypot(a.lat - b.lat, east)
+    return 111_320.0 * complex(east, a.lat - b.lat)
+
+
+def _apart_m(a: LatLon, b: LatLon) -> float:
+    return abs(_offset_m(a, b))
 
 
 def _whose(places: list[LatLon], receivers: list[_Receiver]) -> tuple[int, ...]:

@@ -62,8 +62,8 @@ _SHAPES = (
 _WORLDS = ("map", "odom")
 _BODIES = ("base_link", "base_footprint")
 _NO_FIX = -1
-_SAMPLED = 500
-"""Number of messages by which time stamps are compared with the recording."""
+_SAMPLED = 50
+"""Number of messages of a topic by which its time stamps are compared with the recording."""
 
 _ADD = 0
 
@@ -316,12 +316,12 @@ class _Log:
     def add(self, message: Any, at_s: float, *, findings: Findings) -> Iterator[Piece]:
         with _reading():
             rows = _POSES[self.kind](message, at_s)
+        if not rows and self.kind == _WORLD:
+            findings.skip("fixes marked invalid by the receiver", where=self.topic)
+        if self.kind == _PATH:
+            rows = self.fresh(rows, at_s)
         if self.kind != _POSE:
             rows = [self.timed(row, at_s, findings=findings) for row in rows]
-        if self.kind == _PATH:
-            rows = self.fresh(rows)
-        elif not rows and self.kind == _WORLD:
-            findings.skip("fixes marked invalid by the receiver", where=self.topic)
         for row in rows:
             if not all(map(math.isfinite, row.values[:4])):
                 findings.skip("poses with a time or a position that is not a number", where=self.topic)
@@ -341,11 +341,11 @@ class _Log:
         time_s = self.clock.time(stamp_s, at_s, frames=frames, findings=findings)
         return row if time_s == stamp_s else replace(row, values=(time_s, *row.values[1:]), stamped=False)
 
-    def fresh(self, rows: list[_RosPose]) -> list[_RosPose]:
+    def fresh(self, rows: list[_RosPose], at_s: float) -> list[_RosPose]:
         """Leave out poses that earlier paths had: found by their times, or without times by their number."""
-        stamped = bool(rows) and all(row.stamped for row in rows)
+        stamped = bool(rows) and all(row.stamped and self.clock.trusts(row.values[0], at_s) for row in rows)
         new = [row for row in rows if row.values[0] > self.last_s] if stamped else rows[self.count :]
-        self.last_s = max([self.last_s, *(row.values[0] for row in new)])
+        self.last_s = max([self.last_s, *(row.values[0] for row in new if stamped)])
         self.count = max(self.count, len(rows))
         return new
 
@@ -381,22 +381,25 @@ def _several(bag: AnyReader, chosen: list[Connection]) -> set[str]:
 
 def _clocks(bag: AnyReader, chosen: list[Connection], *, findings: Findings) -> dict[str, TopicClock]:
     """Look at the first time stamps of each topic."""
-    stamps: dict[str, dict[Pair, list[Stamp]]] = {connection.topic: {} for connection in chosen}
-    headed = [connection for connection in chosen if connection.msgtype != _POSE]
-    for topic, kind, at_ns, message in islice(_messages(bag, headed), _SAMPLED) if headed else ():
-        at_s = at_ns * 1e-9
-        with _reading():
-            if kind in _OBJECTS:
-                times = {one.frame: one.sighting.time_s for one in _OBJECTS[kind](message, at_s)}
-                found = {(frame, ""): time_s for frame, time_s in times.items() if time_s != at_s}
-            else:
-                rows = [row for row in _POSES[kind](message, at_s) if row.stamped]
-                found = {(row.frame, row.body): row.values[0] for row in rows}
-        for frames, time_s in found.items():
-            stamps[topic].setdefault(frames, []).append((time_s, at_s))
-    return {
-        topic: clock_of(topic, list(series.values()), findings=findings) for topic, series in stamps.items()
-    }
+    clocks: dict[str, TopicClock] = {}
+    for name in sorted({connection.topic for connection in chosen}):
+        headed = [one for one in chosen if one.topic == name and one.msgtype != _POSE]
+        stamps: dict[Pair, list[Stamp]] = {}
+        for _, kind, at_ns, message in islice(_messages(bag, headed), _SAMPLED) if headed else ():
+            for frames, time_s in _stamps(message, kind, at_ns * 1e-9).items():
+                stamps.setdefault(frames, []).append((time_s, at_ns * 1e-9))
+        clocks[name] = clock_of(name, list(stamps.values()), findings=findings)
+    return clocks
+
+
+def _stamps(message: Any, kind: str, at_s: float) -> dict[Pair, float]:
+    """Return the last time stamp of each pair of frames in a message."""
+    with _reading():
+        if kind in _OBJECTS:
+            times = {one.frame: one.sighting.time_s for one in _OBJECTS[kind](message, at_s)}
+            return {(frame, ""): time_s for frame, time_s in times.items() if time_s != at_s}
+        rows = [row for row in _POSES[kind](message, at_s) if row.stamped]
+        return {(row.frame, row.body): row.values[0] for row in rows}
 
 
 def _objects(
