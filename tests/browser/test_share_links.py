@@ -41,10 +41,14 @@ def test_people_get_and_lose_access_in_the_same_dialog(page, api, sample_map, vi
     page.goto(f"/maps/{sample_map}/edit")
     page.get_by_test_id("share-map").click()
     dialog = page.get_by_role("dialog", name="Share this map")
+    for button in ("Create the link", "Close"):
+        expect(dialog.get_by_role("button", name=button)).to_be_in_viewport(ratio=1)
     dialog.get_by_label("Name of an account").fill("nobody of this name")
     page.context.watch.expect(404)
     dialog.get_by_role("button", name="Add").click()
-    expect(dialog.get_by_test_id("error-message").first).to_be_visible()
+    expect(dialog.get_by_test_id("error-message").first).to_contain_text(
+        "The owner of the library creates accounts"
+    )
     dialog.get_by_label("Name of an account").fill(name)
     dialog.get_by_role("button", name="Add").click()
     guest = dialog.get_by_test_id("member").filter(has_text=name)
@@ -80,6 +84,18 @@ def test_a_secret_link_works_and_stops_working(page, visitor, make_link, sample_
     expect(visitor.get_by_test_id("error-message")).to_be_visible()
 
 
+def test_a_second_link_has_a_heading_of_its_own(page, make_link):
+    make_link()
+    expect(page.get_by_role("heading", name="New link")).to_be_visible()
+    while page.get_by_test_id("share").count():
+        before = page.get_by_test_id("share").count()
+        page.get_by_role("button", name="Revoke the link").first.click()
+        page.get_by_role("button", name="Revoke it").click()
+        expect(page.get_by_test_id("share")).to_have_count(before - 1)
+    expect(page.get_by_role("heading", name="New link")).to_be_hidden()
+    expect(page.get_by_test_id("share-new")).to_be_in_viewport(ratio=1)
+
+
 def test_another_site_shows_it_in_a_frame(visitor, make_link, elsewhere):
     framed = make_link().replace("/s/", "/embed/")
     site = elsewhere(f'<iframe src="{framed}" title="map" width="800" height="600"></iframe>')
@@ -100,3 +116,76 @@ def test_a_public_map_is_found_without_an_account(make_link, open_context, page,
     expect(phone.locator("#map-canvas canvas")).to_be_visible()
     assert phone.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
     assert axe.findings(phone) == []
+
+
+@pytest.fixture
+def asks(visitor, make_link, sample_folder, api, sample_map):
+    """Open the map of a link that takes photos; the function asks about one by its number."""
+    api.wait_for_jobs(sample_map)
+    visitor.goto(f"{make_link('Visitors can localize')}/map")
+    expect(visitor.locator("#map-canvas canvas").first).to_be_visible()
+
+    def ask(number):
+        visitor.get_by_test_id("query-input").set_input_files(
+            sample_folder / "queries" / f"query_{number:02}.jpg"
+        )
+
+    return ask
+
+
+HELD = "**/shared/*/localize"
+
+
+def test_a_new_photo_cancels_the_one_before(visitor, asks):
+    held = []
+    visitor.route(HELD, lambda route: held.append(route), times=1)
+    asks(2)
+    expect(visitor.locator("#busy-words")).to_be_in_viewport()
+    with visitor.expect_event("requestfailed"):
+        asks(1)
+    expect(visitor.get_by_test_id("hypothesis").first).to_be_visible()
+    answer = visitor.locator("#answer").inner_text()
+    held[0].abort()
+    expect(visitor.locator("#query-name")).to_have_text("query_01.jpg")
+    expect(visitor.locator("#busy-words")).to_be_hidden()
+    assert visitor.locator("#answer").inner_text() == answer
+    expect(visitor.get_by_test_id("error-message")).to_have_count(0)
+
+
+def test_no_answer_stays_with_the_next_photo(visitor, asks, tmp_path):
+    asks(1)
+    expect(visitor.get_by_test_id("current-photo")).to_be_visible()
+    visitor.locator("#side").evaluate("panel => panel.scrollTop = 1e6")
+    held = []
+    visitor.route(HELD, lambda route: held.append(route), times=1)
+    asks(2)
+    expect(visitor.locator("#busy-words")).to_be_in_viewport()
+    expect(visitor.locator("#answer")).to_be_hidden()
+    expect(visitor.get_by_test_id("current-photo")).to_be_hidden()
+    held[0].abort()
+    error = visitor.get_by_test_id("error-message")
+    expect(error).to_contain_text("query_02.jpg")
+    visitor.context.watch.faults.clear()  # the browser names the request that was cut off
+    broken = tmp_path / "broken.jpg"
+    broken.write_text("no photo", encoding="utf-8")
+    visitor.context.watch.expect(400, 415, 422)
+    visitor.get_by_test_id("query-input").set_input_files(broken)
+    expect(error).to_contain_text("broken.jpg")
+    expect(error).to_have_count(1)
+    expect(visitor.locator("#answer")).to_be_hidden()
+    assert axe.findings(visitor) == []
+    asks(1)
+    expect(visitor.get_by_test_id("hypothesis").first).to_be_visible()
+    expect(error).to_have_count(0)
+
+
+@pytest.mark.parametrize(("width", "height"), [(683, 384), (667, 375), (1000, 400)])
+def test_a_low_window_scrolls_to_the_panel(visitor, asks, width, height):
+    visitor.set_viewport_size({"width": width, "height": height})
+    choose = visitor.locator("label[for=query-input]")
+    choose.scroll_into_view_if_needed()
+    expect(choose).to_be_in_viewport(ratio=1)
+    assert visitor.locator("#side").bounding_box()["height"] > 120
+    asks(1)
+    expect(visitor.get_by_test_id("hypothesis").first).to_be_in_viewport()
+    assert visitor.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0

@@ -6,8 +6,7 @@
 
 import { byId, h, iconAddress } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
-import { sentence } from "../shared/toast.js";
-import { note } from "./localizer.js";
+import { note, sentence } from "../shared/toast.js";
 
 const LONGER_SIDE = 1024;
 const QUALITY = 0.85;

@@ -7,7 +7,7 @@ import { byId, h, icon } from "../shared/dom.js";
 import { usable } from "../shared/drop-files.js";
 import { leftText } from "../shared/format.js";
 import { labelled, t, tn } from "../shared/i18n.js";
-import { sentence, toast } from "../shared/toast.js";
+import { note, sentence, toast } from "../shared/toast.js";
 
 const MOST_OF_ONE_SPOT = 8;
 /** Below this probability of the first place, more photos are suggested. */
@@ -282,15 +282,4 @@ function chooseMore(take) {
     "data-testid": "more-input", onchange: () => take(usable(input.files)),
   });
   return h("span", {}, input, h("label", { class: "button", for: "more-input" }, icon("image"), t("Add photos from this spot")));
-}
-
-/** A message in the panel. */
-export function note(kind, text, hint = null, more = null) {
-  const danger = kind === "danger";
-  return h(
-    "div",
-    { class: `note note--${kind}`, role: danger ? "alert" : "status", "data-testid": danger ? "error-message" : null },
-    icon(danger ? "warning" : "info"),
-    h("div", { class: "grow" }, h("div", {}, text), hint && h("div", { class: "small" }, hint), more),
-  );
 }

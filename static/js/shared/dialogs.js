@@ -100,12 +100,12 @@ function show(dialog) {
  * Open a dialog, which is removed when it is closed.
  * @param {string} title
  * @param {Array<Node>} body
- * @param {{actions?: Array<Node>, modeless?: boolean}} [options] `actions` are buttons next to the one that closes;
- *   `modeless`: the page stays visible and usable
+ * @param {{actions?: Array<Node>, cancels?: boolean, modeless?: boolean}} [options] `actions` are buttons next to the one that closes,
+ *   which `cancels` the only thing the dialog does; `modeless`: the page stays visible and usable
  * @returns {HTMLDialogElement}
  */
-export function openDialog(title, body, { actions = [], modeless = false } = {}) {
-  const close = h("button", { class: "button", type: "button", onclick: () => dialog.close() }, actions.length ? t("Cancel") : t("Close"));
+export function openDialog(title, body, { actions = [], cancels = actions.length > 0, modeless = false } = {}) {
+  const close = h("button", { class: "button", type: "button", onclick: () => dialog.close() }, cancels ? t("Cancel") : t("Close"));
   const dialog = h(
     "dialog",
     { class: `dialog${modeless ? " ed-dialog--beside" : ""}`, "aria-labelledby": "dialog-title" },

@@ -19,11 +19,12 @@ export function connectSharing() {
 async function open(slug, people) {
   const base = `/maps/${encodeURIComponent(slug)}`;
   const [{ members }, { shares, in_3d: in3d }] = await Promise.all([get(`${base}/members`), get(`${base}/shares`)]);
+  const links = new Links(`${base}/shares`, { slug, in3d });
   const dialog = openDialog(t("Share this map"), [
     h("div", { class: "share-parts" },
       h("section", { class: "stack stack--tight" }, ...new People(`${base}/members`, people).show(members)),
-      h("section", { class: "stack stack--tight" }, ...new Links(`${base}/shares`, { slug, in3d }).show(shares))),
-  ]);
+      h("section", { class: "stack stack--tight" }, ...links.show(shares))),
+  ], { actions: [links.make], cancels: false });
   dialog.classList.add("dialog--wide");
 }
 
@@ -94,19 +95,20 @@ class Links {
     this.slug = slug;
     this.in3d = in3d;
     this.list = h("ul", { class: "shares", id: "shares" });
+    this.next = h("h4", {}, t("New link"));
+    this.make = h("button", { class: "button button--primary", type: "button", "data-testid": "share-new" }, icon("link"), t("Create the link"));
     this.error = errorLine();
   }
 
   show(shares) {
     this._fill(shares);
     const { element, wish } = linkForm({ query: null, in3d: this.in3d });
-    const make = h("button", { class: "button button--primary", type: "button", "data-testid": "share-new" }, icon("link"), t("Create the link"));
-    make.addEventListener("click", () => busy(make, () => this._make(wish())));
+    this.make.addEventListener("click", () => busy(this.make, () => this._make(wish())));
     return [
       h("h3", {}, t("Anyone with a link")),
       h("p", { class: "small soft" }, t("They see the map, and what you tick here, without an account.")),
-      this.list, element, this.error,
-      h("div", { class: "row" }, make, h("a", { class: "button button--quiet", href: "/public" }, t("Public maps"))),
+      this.list, this.next, element, this.error,
+      h("div", { class: "row" }, h("a", { class: "button button--quiet", href: "/public" }, t("Public maps"))),
     ];
   }
 
@@ -117,6 +119,7 @@ class Links {
       await this._refresh();
     } catch (problem) {
       this.error.show(problem);
+      this.error.scrollIntoView({ block: "nearest" });
     }
   }
 
@@ -125,6 +128,7 @@ class Links {
   }
 
   _fill(shares) {
+    this.next.hidden = !shares.length;
     this.list.replaceChildren(...shares.map((share) => this._entry(share)));
   }
 

@@ -1,4 +1,4 @@
-/** Messages in the corner of the page; screen readers read them out. */
+/** Messages in the corner of the page, and in place; screen readers read them out. */
 
 import { h, icon } from "./dom.js";
 import { t } from "./i18n.js";
@@ -41,6 +41,17 @@ export function toastError(error) {
   if (error.name === "AbortError" || error.status === 401) return;
   if (!("code" in error)) console.error(error);
   toast(error.message, { kind: "error", hint: error.hint });
+}
+
+/** A message in the panel. */
+export function note(kind, text, hint = null, more = null) {
+  const danger = kind === "danger";
+  return h(
+    "div",
+    { class: `note note--${kind}`, role: danger ? "alert" : "status", "data-testid": danger ? "error-message" : null },
+    icon(danger ? "warning" : "info"),
+    h("div", { class: "grow" }, h("div", {}, text), hint && h("div", { class: "small" }, hint), more),
+  );
 }
 
 /**

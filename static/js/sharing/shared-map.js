@@ -5,8 +5,7 @@ import { followFloor } from "../shared/answer/answer-floor.js";
 import { answerList } from "../shared/answer/answer-list.js";
 import { QuerySession } from "../shared/answer/query-session.js";
 import { verdictText } from "../shared/answer/verdict.js";
-import { WaitingWords } from "../shared/answer/waiting-words.js";
-import { get, upload } from "../shared/api.js";
+import { get } from "../shared/api.js";
 import { byId } from "../shared/dom.js";
 import { tn } from "../shared/i18n.js";
 import { FloorSwitch } from "../shared/map/floor-switch.js";
@@ -19,6 +18,7 @@ import { loadDetails } from "../shared/map/photo-details.js";
 import { PhotoDots } from "../shared/map/photo-dots.js";
 import { toastError } from "../shared/toast.js";
 import { PhotoPanel } from "./photo-panel.js";
+import { VisitorPhoto } from "./visitor-photo.js";
 
 const PAN = { ArrowLeft: [-80, 0], ArrowRight: [80, 0], ArrowUp: [0, -80], ArrowDown: [0, 80] };
 
@@ -41,37 +41,40 @@ listen();
 zoomButtons();
 loadDetails(store, (id, most) => get(`${shared}/photos?after=${id}&limit=${most}`)).catch(toastError);
 if (state.answer) showShared(state.answer);
-if (document.getElementById("query-input")) takePhotos(byId("query-input"));
+if (document.getElementById("query-input")) new VisitorPhoto(session, `${shared}/localize`);
 
-/** Show the shared answer. */
 function showShared(answer) {
-  if (answer.preview) showQuery(answer.preview);
-  show(answer);
+  if (answer.preview) session.setQuery({ preview: answer.preview });
+  session.setAnswer(answer);
 }
 
-function showQuery(address) {
-  byId("query-image", HTMLImageElement).src = address;
+function showQuery() {
+  const { preview, url, name = "" } = session.query;
+  byId("query-image", HTMLImageElement).src = preview || url;
+  byId("query-name").textContent = name;
   byId("query").hidden = false;
 }
 
-/** Show an answer instead of the plain dots. */
-function show(answer) {
-  dots.remove();
-  marks.addTo(view.map);
-  session.setAnswer(answer);
-  byId("announcer").textContent = verdictText(answer);
+/** Show an answer instead of the plain dots; without one, the dots. */
+function showMarks() {
+  const { answer } = session;
+  (answer ? dots : marks).remove();
+  (answer ? marks : dots).addTo(view.map);
+  byId("announcer").textContent = answer ? verdictText(answer) : "";
 }
 
 function listen() {
   const look = () => session.position && view.reveal(session.position, { margin: 70 });
   answerList(session, look);
+  session.on("query", showQuery);
   session.on("answer", () => {
+    showMarks();
     look();
-    byId("hypotheses").scrollIntoView({ block: "nearest" });
+    if (session.answer) byId("hypotheses").scrollIntoView({ block: "nearest" });
   });
   session.on("chosen", () => {
     const speaks = session.hypothesis?.experiences.find((id) => store.photos.get(id)?.preview);
-    if (speaks !== undefined) store.setCurrent(speaks);
+    store.setCurrent(speaks ?? null);
   });
   store.on("current", advised);
   session.on("answer", advised);
@@ -101,31 +104,4 @@ function zoomButtons() {
   byId("zoom-in").addEventListener("click", () => view.zoom(1));
   byId("zoom-out").addEventListener("click", () => view.zoom(-1));
   byId("zoom-fit").addEventListener("click", () => view.fit());
-}
-
-/** Localize the visitor's photo. @param {HTMLInputElement} input */
-function takePhotos(input) {
-  let shown = null;
-  const words = new WaitingWords(byId("busy-words"), byId("busy", HTMLProgressElement));
-  const onEvent = (kind, data) => {
-    words.take(kind, data);
-    if (kind === "first") show(data);
-  };
-  input.addEventListener("change", async () => {
-    const [file] = input.files;
-    input.value = "";
-    if (!file) return;
-    if (shown) URL.revokeObjectURL(shown);
-    shown = URL.createObjectURL(file);
-    showQuery(shown);
-    words.begin(true);
-    const body = new FormData();
-    body.append("file", file, file.name || "photo.jpg");
-    try {
-      show(await upload(`${shared}/localize`, { body, onProgress: (sent, all) => words.sent(sent, all), onEvent }));
-    } catch (error) {
-      toastError(error);
-    }
-    words.end();
-  });
 }

@@ -95,7 +95,9 @@ def test_an_edit_makes_it_old(client, evaluated):
 def test_before_the_first_and_while_one_is_going(client, library, owner, make_map):
     make_map(library.map_folder("row"), 2)
     adopt_map.adopt_map(library, "row", account_id=owner.id)
-    assert "Not evaluated yet" in client.get("/maps/row/quality").text
+    page = client.get("/maps/row/quality").text
+    assert "Not evaluated yet" in page
+    assert "#check" not in page.split('class="empty"')[1]  # a tick would look like success
     job = client.post("/api/v1/maps/row/evaluation", json={}).json["id"]
     page = client.get("/maps/row/quality").text
     assert f'"job": {job}' in page or f'"job":{job}' in page

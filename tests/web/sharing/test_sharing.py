@@ -275,7 +275,9 @@ def test_the_owner_changes_what_a_share_gives(client, stranger, full, share):
 
 
 def test_public_maps_are_listed_and_secret_ones_are_not(stranger, share, new_map, owner):
-    assert "No map is public" in stranger.get("/public").text
+    page = stranger.get("/public").text
+    assert "No map is public" in page
+    assert "decide under Share" in page
     share()
     assert "No map is public" in stranger.get("/public").text
     open_to_all = share(public=True)

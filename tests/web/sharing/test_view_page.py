@@ -103,6 +103,7 @@ def test_the_owner_says_what_the_map_is(client, stranger, share, walked):
     assert client.post(f"/maps/{walked}/settings/name", data=said).status_code == 303
     assert "The park in May." in client.get(f"/maps/{walked}/view").text
     assert "The park in May." in stranger.get(f"/s/{share(photos=True)}").text
+    assert '<p class="small grow">The park in May.</p>' in stranger.get(f"/s/{share(photos=True)}/map").text
     assert client.get(f"/api/v1/maps/{walked}").json["description"] == "The park in May."
     with zipfile.ZipFile(io.BytesIO(client.get(f"/api/v1/maps/{walked}/export.zip").data)) as exported:
         (name,) = (one for one in exported.namelist() if one.endswith("map.json"))

@@ -58,7 +58,9 @@ def named(session: Session, name: str) -> Account:
     found = _named(session, name)
     if found is None:
         raise NotFound(
-            "no account has this name", where=name[:_MAX_NAME], hint="ask the owner of the library"
+            "no account has this name",
+            where=name[:_MAX_NAME],
+            hint="the owner of the library creates accounts",
         )
     return found
 
