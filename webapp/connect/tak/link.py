@@ -103,7 +103,7 @@ def parsed(address: str, *, secured: bool) -> tuple[str, str, int]:
         secured: Whether certificates were given.
 
     Raises:
-        UsageError: It is no such address, or the certificates are not for it.
+        UsageError: The address is invalid, or the certificates do not fit it.
     """
     try:
         parts = urlsplit(address)

@@ -136,7 +136,7 @@ def service_tile(*, name: str, z: int, x: int, y: int) -> Response:
     service = named(tile_services(settings().tile_services), name)
     if not service.public:
         account()
-    missing = NotFound("there is no such tile", where=f"{z}/{x}/{y}")
+    missing = NotFound("tile not found", where=f"{z}/{x}/{y}")
     if service.file is None or z > service.max_zoom or not max(x, y) < 1 << z:
         raise missing
     with opened_tiles(service.file) as archive:
