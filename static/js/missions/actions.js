@@ -105,7 +105,7 @@ function chooseOdometry(store, then) {
   const go = h("button", { class: "button button--primary", type: "button", onclick: () => {
     dialog.close();
     then(Number(choice.value)).catch(toastError);
-  } }, t("Fuse"));
+  } }, t("Correct the track"));
   const dialog = openDialog(t("Which odometry?"), [
     h("p", { class: "soft" }, t("Several were recorded at the same time.")), field(t("Odometry"), choice),
   ], { actions: [go] });
