@@ -482,6 +482,7 @@ def test_a_fusion_that_failed_is_still_shown_after_a_reload_until_it_is_dismisse
 
 def test_fusion_asks_which_of_several_odometries_is_meant(page, api, mission, send):
     """The chosen one is corrected, not the longest."""
+    page.context.watch.expect(400)  # by which the server asks
     moving = [pose(n) for n in range(20)]
     for name, step in (("wheels", 1e-5), ("visual", 2e-5)):
         send(
@@ -498,5 +499,5 @@ def test_fusion_asks_which_of_several_odometries_is_meant(page, api, mission, se
     expect(options).to_have_count(2)
     dialog.get_by_role("combobox").select_option(label=options.filter(has_text="wheels").inner_text())
     dialog.get_by_role("button", name="Correct").click()
-    expect(page.get_by_text("The corrected track is in place.")).to_be_visible(timeout=WORK_MS)
+    expect(page.get_by_role("checkbox", name="Corrected")).to_be_visible(timeout=WORK_MS)
     assert api.ask("GET", f"/missions/{mission}/fusion")["odometry_name"] == "wheels"

@@ -10,7 +10,7 @@ from tests.browser.polling import until
 
 def test_a_sheet_is_seen_before_it_is_downloaded(page, sample_map):
     page.goto(f"/maps/{sample_map}/edit")
-    page.locator("summary", has=page.locator("use[href$='#chevron-down']")).first.click()
+    page.locator("summary[aria-label='More export formats']").click()
     page.get_by_test_id("print-map").click()
     sheet = page.get_by_test_id("print-preview")
     landscape = "image => image.complete && image.naturalWidth > image.naturalHeight"
