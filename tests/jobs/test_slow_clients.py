@@ -52,6 +52,38 @@ def test_a_silent_connection_is_kept_where_it_is_in_nobodys_way(worker, silent, 
     assert worker.nr_conns == connections - (not kept)
 
 
+@pytest.mark.parametrize(
+    ("request_", "connections", "idle_s", "closed", "answered"),
+    [
+        (b"", 1, 20, False, False),
+        (b"", 6, 20, True, False),
+        (b"", 1, 80, True, False),
+        (b"GET /maps HTTP/1.1\r\n", 1, 80, False, True),
+    ],
+    ids=["there is room", "many are open", "idle for long", "its next request has just arrived"],
+)
+def test_a_kept_connection_is_not_closed_under_a_request(
+    worker, request_, connections, idle_s, closed, answered
+):
+    here, there = socket.socketpair()
+    connection = Connection.__new__(Connection)
+    connection.sock, connection.cfg = here, SimpleNamespace(keepalive=75)
+    connection.set_timeout()
+    connection.timeout -= idle_s
+    connection.patient_until -= idle_s
+    worker.keepalived_conns = deque([connection])
+    worker.poller.register(here, selectors.EVENT_READ)
+    worker.nr_conns = connections
+    passed_on = []
+    worker.enqueue_req = passed_on.append
+    with here, there:
+        there.sendall(request_)
+        worker.murder_keepalived()
+        assert (here.fileno() == -1) is closed
+        assert (passed_on == [connection]) is answered
+        assert (connection in worker.keepalived_conns) is not (closed or answered)
+
+
 def test_requests_that_localize_leave_the_threads_to_others(worker):
     worker.cfg, worker.method_queue = SimpleNamespace(threads=1), PollableMethodQueue()
     worker.method_queue.init()

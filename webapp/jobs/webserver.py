@@ -19,6 +19,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
+from itertools import takewhile
 from pathlib import Path
 from selectors import EVENT_READ
 from types import FrameType
@@ -48,8 +49,12 @@ _SILENT = 4
 Packet loss or a busy machine can delay for a while what a client has sent.
 """
 
+_KEEP_ALIVE_S = 75
+"""For the next request on a connection: longer than clients and proxies pause, so that these close first."""
+
 _CROWDED = 0.5
 """Fraction of a process's connections above which silent ones are closed after the plain patience."""
+
 _LINGER_S = 0.1
 """How long a closing connection is still read, short because this blocks the thread that accepts others."""
 
@@ -120,13 +125,21 @@ class Connection(TConn):  # type: ignore[misc]
     patient_until = 0.0
     """Monotonic time from which it counts as silent when many connections are open."""
 
+    def set_timeout(self) -> None:
+        """Begin to wait for the next request."""
+        super().set_timeout()
+        self.patient_until = time.monotonic() + ClientSocket.patience_s
+
+    def peek(self) -> bytes:
+        """Return the first unread bytes; none if there are none yet, or the client has gone."""
+        try:
+            return socket.socket.recv(self.sock, _BEGIN_BYTES, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+        except OSError:
+            return b""
+
     def asks_to_localize(self) -> bool:
         """Return whether a request begins that may wait for its turn to localize; False if not known yet."""
-        try:
-            begin = socket.socket.recv(self.sock, _BEGIN_BYTES, socket.MSG_PEEK | socket.MSG_DONTWAIT)
-        except OSError:
-            return False
-        return _LOCALIZE.match(begin) is not None
+        return _LOCALIZE.match(self.peek()) is not None
 
     def close(self, graceful: bool = False) -> None:
         """Close it; gracefully means that the end of the response is not lost."""
@@ -162,10 +175,28 @@ class PatientWorker(ThreadWorker):  # type: ignore[misc]
 
     def murder_pending(self) -> None:
         """Close connections that have been silent too long; earlier if many are open or the server stops."""
-        if not self.alive or self.nr_conns > _CROWDED * self.worker_connections:
+        if not self.alive or self._is_crowded():
             for connection in self.pending_conns:
                 connection.timeout = connection.patient_until
         super().murder_pending()
+
+    def murder_keepalived(self, force: bool = False) -> None:
+        """Close connections without a further request; earlier if many are open.
+
+        A request that has arrived since the last poll is answered: closing its connection would reset it.
+        """
+        if self._is_crowded():
+            for connection in self.keepalived_conns:
+                connection.timeout = min(connection.timeout, connection.patient_until)
+        now = time.monotonic()
+        expired = takewhile(lambda connection: connection.timeout <= now, list(self.keepalived_conns))
+        for connection in expired:
+            if not force and connection.peek():
+                self.on_client_socket_readable(connection, connection.sock)
+        super().murder_keepalived(force)
+
+    def _is_crowded(self) -> bool:
+        return bool(self.nr_conns > _CROWDED * self.worker_connections)
 
     def get_thread_pool(self) -> ThreadPoolExecutor:
         """Make the threads; as many more for requests that localize, which others then need not wait for."""
@@ -303,6 +334,7 @@ def gunicorn_options(settings: Settings, *, fd: int, workers: int) -> dict[str, 
         "threads": settings.serve.threads,
         "graceful_timeout": round(settings.serve.stop_s),
         "timeout": 60,
+        "keepalive": _KEEP_ALIVE_S,
         "worker_connections": _CONNECTIONS,
         "preload_app": False,
         "control_socket_disable": True,  # it would be in the home folder
