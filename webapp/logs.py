@@ -26,6 +26,7 @@ REQUESTS = "webapp.requests"
 
 _SECRETS = (
     (re.compile(r"(/(?:sign-in|shared|s|embed)/)[^/\s?\"']+"), r"\1..."),
+    (re.compile(r"(/(?:shared-missions|m|phones|p)/)[\w-]{20,}"), r"\1..."),
     (re.compile(r"(Bearer\s+|expmap_)[\w.~+/=-]+", re.IGNORECASE), r"\1..."),
 )
 

@@ -89,12 +89,16 @@ def addresses(app, library, owner, client, park):
         mission_id = missions.create(session, "Round", account_id=owner.id, map_id=map_id).id
     file_id = client.post("/api/v1/mission-files", json={"name": "a.gpx", "size_bytes": 9}).json["id"]
     token = client.post(f"/api/v1/maps/{park}/shares", json={"localize": True}).json["url"].split("/")[-1]
+    phone = (
+        client.post(f"/api/v1/missions/{mission_id}/phones", json={"name": "A"}).json["url"].split("/")[-1]
+    )
     values = {"slug": park, "mission_id": mission_id, "file_id": file_id, "token": token}
     values |= {"id": 1, "name": "a", "object_id": "a"}
     adapter = app.url_map.bind("")
     found = {}
     for rule, method, _, _ in rules_with_body(app):
-        given = {name: values[name] for name in rule.arguments}
+        tokens = {"token": phone} if rule.endpoint.startswith("api_phone_positions") else {}
+        given = {name: (values | tokens)[name] for name in rule.arguments}
         found[rule.endpoint] = adapter.build(rule.endpoint, given, method=method)
     return found
 
@@ -285,8 +289,8 @@ def test_no_body_is_read_before_the_right_of_the_caller_is_checked(
     for rule, method, _, kind in rules_with_body(app):
         for name, caller in callers.items():
             body, address = Unread(b"{[" * 50), addresses[rule.endpoint]
-            if rule.endpoint == "api_shared.localize":
-                address = "/api/v1/shared/wrong/localize"
+            if "token" in rule.arguments:
+                address = address.replace(address.split("/")[4], "wrong")
             headers = {"Content-Type": f"{kind}; boundary=x", **caller}
             answer = client.open(address, method=method, input_stream=body, headers=headers)
             if body.was_read:

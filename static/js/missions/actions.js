@@ -11,6 +11,7 @@ import { lengthText } from "./format.js";
 import { resultText } from "./import/file-remarks.js";
 import { importDialog } from "./import/wizard.js";
 import { ended, jobBar } from "./job-progress.js";
+import { phonesDialog } from "./phones-dialog.js";
 import { sharesDialog } from "./share-mission.js";
 
 /**
@@ -47,6 +48,7 @@ export function connectActions(store, lines, live, fusion) {
   if (document.querySelector('[data-does="import"]')) listenToDrops(byId("drop"), (files) => files.length && take(usable(files)));
   on("fuse", (button) => busy(button, () => fuse(store, server, refresh)));
   if (fusion !== null) showFusion(server, fusion, refresh).catch(toastError);
+  on("phones", () => phonesDialog(server));
   on("share", () => sharesDialog(server));
   on("rename", () => rename(store, server));
   on("delete", () => bin(store, server, live));

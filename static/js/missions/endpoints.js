@@ -56,6 +56,9 @@ export function endpointsOf(id) {
     shares: () => get(`${base}/shares`),
     share: (wish) => post(`${base}/shares`, wish),
     revoke: (share) => del(`${base}/shares/${share}`),
+    phones: () => get(`${base}/phones`),
+    addPhone: (name) => post(`${base}/phones`, { name }),
+    removePhone: (phone) => del(`${base}/phones/${phone}`),
     /** Address of a file that the browser downloads. */
     file: (name) => `/api/v1${base}/${name}`,
     photo: (sha256) => `/api/v1${base}/photos/${sha256}/preview`,

@@ -13,14 +13,15 @@ const SAFE = new Set(["GET", "HEAD"]);
 
 /** A request that the server refused, or that did not reach it (`code` is `offline`, `status` 0). */
 export class ApiError extends Error {
-  /** @param {{status: number, code: string, message: string, hint?: ?string, where?: ?string}} fields */
-  constructor({ status, code, message, hint = null, where = null }) {
+  /** @param {{status: number, code: string, message: string, hint?: ?string, where?: ?string, next?: ?number}} fields */
+  constructor({ status, code, message, hint = null, where = null, next = null }) {
     super(message);
     this.name = "ApiError";
     this.status = status;
     this.code = code;
     this.hint = hint;
     this.where = where;
+    this.next = next; // number of the record with which a sender has to continue
   }
 }
 

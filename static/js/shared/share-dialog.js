@@ -52,7 +52,8 @@ export function showAddress(share) {
   ].filter(Boolean));
 }
 
-function onlyHere() {
+/** A warning that an address of this computer is of no use elsewhere. */
+export function onlyHere() {
   const chapter = h("a", { href: "/help/operating#behind-nginx-with-tls", target: "_blank" }, t("Operating a server"));
   return h("div", { class: "note note--warning" }, icon("warning"),
     h("div", {}, t("This address works only on this computer. To share it with others:"), " ", chapter));
@@ -88,7 +89,8 @@ export function checked(root) {
   return Object.fromEntries(queryAll("input[type=checkbox]", HTMLInputElement, root).map((one) => [one.name, one.checked]));
 }
 
-function secret(label, value, id) {
+/** A read-only text with a button that copies it. @param {string} label @param {string} value @param {string} id */
+export function secret(label, value, id) {
   const input = h("input", { class: "input", id, value, readonly: true, "data-testid": id });
   const word = h("span", {}, t("Copy"));
   const copy = async () => {

@@ -305,3 +305,22 @@ class MissionShare(ShareColumns, Base):
     __table_args__ = IDS_USED_ONCE
 
     mission_id: Mapped[int] = mapped_column(ForeignKey("mission.id", ondelete="CASCADE"), index=True)
+
+
+class MissionPhone(Base):
+    """A phone that sends its positions to a mission, by a link and without an account."""
+
+    __tablename__ = "mission_phone"
+    __table_args__ = (UniqueConstraint("mission_id", "name"), IDS_USED_ONCE)
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    mission_id: Mapped[int] = mapped_column(ForeignKey("mission.id", ondelete="CASCADE"))
+    name: Mapped[str]
+    """Also the name of its track."""
+    token_hash: Mapped[str] = mapped_column(unique=True)
+    account_id: Mapped[int | None] = mapped_column(ForeignKey("account.id", ondelete="SET NULL"))
+    """Account that made the link."""
+    created_at: Mapped[datetime] = mapped_column(default=now)
+    heard_at: Mapped[datetime | None]
+    positions: Mapped[int] = mapped_column(default=0)
+    """How many it has sent."""

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 from typing import Any
+
+from sqlalchemy.orm import Session
 
 from webapp.errors import Conflict
 from webapp.missions.core.trajectory.batch import parse
 from webapp.missions.store import batches
 from webapp.store.library import Library
+
+Also = Callable[[Session, int], None]
+"""Called with the number of new records, in the transaction that stores them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +29,7 @@ class Numbered:
 
 
 def store_batch(
-    library: Library, mission_id: int, *, records: Sequence[object], place: Numbered
+    library: Library, mission_id: int, *, records: Sequence[object], place: Numbered, also: Also | None = None
 ) -> dict[str, Any]:
     """Store records that their sender has numbered; when this returns, they are on the disk.
 
@@ -48,6 +53,8 @@ def store_batch(
         already, next_seq = batches.advance(session, mission_id, place.sender, first=first, count=count)
         if already < count:
             batches.store(session, mission, parse(records[already:]) if already else batch)
+            if also is not None:
+                also(session, count - already)
         return {
             "next": next_seq,
             "stored": count - already,
@@ -57,7 +64,13 @@ def store_batch(
 
 
 def store_keyed_batch(
-    library: Library, mission_id: int, *, records: Sequence[object], key: str, keep: timedelta
+    library: Library,
+    mission_id: int,
+    *,
+    records: Sequence[object],
+    key: str,
+    keep: timedelta,
+    also: Also | None = None,
 ) -> dict[str, Any]:
     """Store records with an idempotency key instead of numbers; when this returns, they are on the disk.
 
@@ -85,6 +98,8 @@ def store_keyed_batch(
             )
         if before is None and records:
             batches.store(session, mission, batch)
+            if also is not None:
+                also(session, len(records))
         answer = {"next": None, "stored": len(records), "already": 0, "revision": mission.revision}
         if before is None:
             batches.remember(session, mission_id, key, answer={**answer, "digest": digest}, keep=keep)

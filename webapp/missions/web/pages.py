@@ -11,7 +11,7 @@ from webapp.errors import NotFound
 from webapp.extras import is_installed
 from webapp.missions.core.trajectory.symbols import SYMBOLS, svg_path
 from webapp.missions.files.track_reader import FORMATS, accepted, called
-from webapp.missions.store import missions, shares
+from webapp.missions.store import missions, phones, shares
 from webapp.missions.store.shares import OpenedMission
 from webapp.missions.tasks import fuse
 from webapp.missions.tasks.covering_maps import covering_maps
@@ -28,6 +28,7 @@ from webapp.web.satellite.api_satellite import service_json
 from webapp.web.satellite.layers import configured_layers
 
 mission_pages = Blueprint("mission_pages", __name__, url_prefix="/missions")
+phone_pages = Blueprint("phone_pages", __name__, url_prefix="/p")
 public_pages = APIBlueprint("public_mission_pages", __name__, url_prefix="/m/<token>", enable_openapi=False)
 
 _SIGNS = {
@@ -97,6 +98,23 @@ def _unreadable() -> dict[str, str]:
     return {need: ", ".join(called(e for e in FORMATS.values() if e.needs == need)) for need in missing}
 
 
+@phone_pages.get("/<token>")
+@public
+@page(chapter="missions")
+def send_positions(token: str) -> tuple[str, int, dict[str, str]]:
+    """Show the page that sends the position of the phone that it is open on."""
+    try:
+        with library().database.read() as session:
+            opened = phones.open_phone(session, token)
+    except NotFound as error:
+        return _gone(error, framed=False)
+    data = {"token": token, "ended": opened.mission.ended_at is not None}
+    text = render_template(
+        "missions/phone.html", mission=opened.mission, phone=opened.phone, page=data, framed=False
+    )
+    return text, 200, _SECRET
+
+
 @public_pages.get("")
 @public
 def shared(token: str) -> tuple[str, int, dict[str, str]]:
@@ -146,8 +164,7 @@ def _page(token: str, *, framed: bool) -> tuple[str, int, dict[str, str]]:
             opened = shares.open_share(session, token)
             state = mission_state.shared_mission(session, opened, token=token)
     except NotFound as error:
-        gone = render_template("sharing/gone.html", error=error, framed=framed)
-        return gone, errors.status_of(error), _SECRET
+        return _gone(error, framed=framed)
     page = {
         "id": state["id"],
         "token": token,
@@ -160,6 +177,10 @@ def _page(token: str, *, framed: bool) -> tuple[str, int, dict[str, str]]:
         "missions/shared.html", mission=opened.mission, page=page, token=token, framed=framed, role="visitor"
     )
     return text, 200, {} if opened.share.public_token else _SECRET
+
+
+def _gone(error: NotFound, *, framed: bool) -> tuple[str, int, dict[str, str]]:
+    return render_template("sharing/gone.html", error=error, framed=framed), errors.status_of(error), _SECRET
 
 
 def _opened(token: str) -> OpenedMission:

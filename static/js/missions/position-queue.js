@@ -1,0 +1,90 @@
+/**
+ * Positions of a phone that wait to be sent, in IndexedDB, so that closing the page loses none.
+ *
+ * They are numbered without gaps, by which the server stores each exactly once: see `POST /phones/TOKEN/positions`.
+ */
+
+/** @typedef {{time: number, lat: number, lon: number, height_m: ?number, accuracy_m: ?number}} Position */
+
+const STORE = "positions";
+const SENDER = "sender";
+const AT_ONCE = 500;
+
+/** The queue of one link. */
+export class PositionQueue {
+  /** @param {IDBDatabase} database */
+  constructor(database) {
+    this.database = database;
+  }
+
+  /** @param {string} token of the link @returns {Promise<PositionQueue>} */
+  static async open(token) {
+    const asked = indexedDB.open(`expmap-phone-${token}`, 1);
+    asked.onupgradeneeded = () => {
+      asked.result.createObjectStore(STORE, { autoIncrement: true });
+      asked.result.createObjectStore(SENDER);
+    };
+    return new PositionQueue(await done(asked));
+  }
+
+  /** Add a position; when the promise resolves, it is on disk. @param {Position} position */
+  add(position) {
+    return this._write(STORE, (store) => store.add(position));
+  }
+
+  /** @returns {Promise<number>} */
+  count() {
+    return done(this.database.transaction(STORE).objectStore(STORE).count());
+  }
+
+  /**
+   * The oldest positions, as the server takes them; null if there are none.
+   * @returns {Promise<?{sender: string, first: number, positions: Position[]}>}
+   */
+  async batch() {
+    const transaction = this.database.transaction(STORE);
+    const store = transaction.objectStore(STORE);
+    const [keys, positions] = await Promise.all([done(store.getAllKeys(null, AT_ONCE)), done(store.getAll(null, AT_ONCE))]);
+    if (!keys.length) return null;
+    const { name, before } = (await this._sender()) ?? (await this.restart());
+    return { sender: name, first: Number(keys[0]) - before, positions };
+  }
+
+  /** Remove what the server has stored: positions before a number. @param {number} next */
+  async stored(next) {
+    const { before } = await this._sender();
+    await this._write(STORE, (store) => store.delete(IDBKeyRange.upperBound(next + before, true)));
+  }
+
+  /** Number what waits from 0 on, under a new name: the server does not know the old one. */
+  async restart() {
+    const [first] = await done(this.database.transaction(STORE).objectStore(STORE).getAllKeys(null, 1));
+    const sender = { name: randomName(), before: Number(first) };
+    await this._write(SENDER, (store) => store.put(sender, SENDER));
+    return sender;
+  }
+
+  _sender() {
+    return done(this.database.transaction(SENDER).objectStore(SENDER).get(SENDER));
+  }
+
+  async _write(name, run) {
+    const transaction = this.database.transaction(name, "readwrite", { durability: "strict" });
+    run(transaction.objectStore(name));
+    await new Promise((resolve, reject) => {
+      transaction.oncomplete = resolve;
+      transaction.onabort = () => reject(transaction.error);
+    });
+  }
+}
+
+function done(request) {
+  return new Promise((resolve, reject) => {
+    request.onsuccess = () => resolve(request.result);
+    request.onerror = () => reject(request.error);
+  });
+}
+
+function randomName() {
+  return [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+}
