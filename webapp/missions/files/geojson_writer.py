@@ -63,7 +63,7 @@ def _nested(track: ExportTrack, written: Callable[[Poses], list[str]], *, kind: 
         yield from (written(part)[0] for part in track.poses())
         return
     several = kind == "MultiLineString"
-    lines = _cut(track.poses()) if several else ((part, False) for part in track.poses())
+    lines = cut_at_meridian(track.poses()) if several else ((part, False) for part in track.poses())
     yield "[[" if several else "["
     comma = ""
     for part, ends in lines:
@@ -72,7 +72,7 @@ def _nested(track: ExportTrack, written: Callable[[Poses], list[str]], *, kind: 
     yield "]]" if several else "]"
 
 
-def _cut(parts: Iterable[Poses]) -> Iterator[tuple[Poses, bool]]:
+def cut_at_meridian(parts: Iterable[Poses]) -> Iterator[tuple[Poses, bool]]:
     """Cut at the 180th meridian: each line ends, and the next one begins, with a pose on the meridian.
 
     Yields:
