@@ -29,12 +29,13 @@ def format_mission_geojson(mission: MissionExport) -> Iterator[bytes]:
 
 def _features(mission: MissionExport) -> Iterator[Iterable[str]]:
     for track in mission.tracks:
-        yield _track(track)
+        yield track_feature(track)
     for found in mission.objects():
-        yield [_object(found)]
+        yield [object_feature(found)]
 
 
-def _track(track: ExportTrack) -> Iterator[str]:
+def track_feature(track: ExportTrack) -> Iterator[str]:
+    """Write a track as a feature, in parts."""
     facts = {
         "source": track.source,
         "name": track.name,
@@ -121,7 +122,8 @@ def _headings(poses: Poses) -> list[str]:
     return ["null" if heading != heading else f"{heading:.3f}" for heading in poses.heading_deg.tolist()]
 
 
-def _object(found: ExportObject) -> str:
+def object_feature(found: ExportObject) -> str:
+    """Write an object as a feature."""
     first, last = utc([found.first_time_s, found.last_time_s])
     properties = {
         "class": found.kind,
