@@ -180,19 +180,19 @@ class GeoPackage:
         marks = ", ".join("?" * (1 + len(table.fields)))
         names = ", ".join(f'"{name}"' for name in (_GEOMETRY, *(field.name for field in table.fields)))
         insert = f'INSERT INTO "{table.name}" ({names}) VALUES ({marks})'
-        bounds = np.array([np.inf, np.inf, -np.inf, -np.inf])
+        west, south, east, north = math.inf, math.inf, -math.inf, -math.inf
         count = 0
         for geometry, values in rows:
             if geometry is not None:
-                bounds[:2] = np.minimum(bounds[:2], geometry.bounds[:2])
-                bounds[2:] = np.maximum(bounds[2:], geometry.bounds[2:])
+                west, south = min(west, geometry.bounds[0]), min(south, geometry.bounds[1])
+                east, north = max(east, geometry.bounds[2]), max(north, geometry.bounds[3])
             data = None if geometry is None else geometry.data
             self._connection.execute(insert, (data, *map(_plain, values)))
             count += 1
-        if np.isfinite(bounds).all():
+        if west <= east:
             self._connection.execute(
                 "UPDATE gpkg_contents SET min_x = ?, min_y = ?, max_x = ?, max_y = ? WHERE table_name = ?",
-                (*bounds.tolist(), table.name),
+                (west, south, east, north, table.name),
             )
         return count
 
