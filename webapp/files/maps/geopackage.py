@@ -87,12 +87,10 @@ def _guard(connection: sqlite3.Connection) -> None:
     connection.set_authorizer(_authorize)
 
 
-def _authorize(
-    action: int, first: str | None, _second: str | None, _database: str | None, source: str | None
-) -> int:
-    """Allow reading columns of tables and listing them; `source` is a view or a trigger that reads."""
+def _authorize(action: int, first: str | None, *others: str | None) -> int:
+    """Allow reading columns of tables and listing them, but not to a view or a trigger, which come last."""
     listing = action == sqlite3.SQLITE_PRAGMA and first == "table_xinfo"
-    allowed = source is None and (action in _READING or listing)
+    allowed = others[-1] is None and (action in _READING or listing)
     return sqlite3.SQLITE_OK if allowed else sqlite3.SQLITE_DENY
 
 
