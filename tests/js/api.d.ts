@@ -1529,6 +1529,36 @@ export interface components {
             /** @description Bytes that have arrived. */
             offset?: number;
         };
+        OgcCollection: {
+            crs?: string[];
+            description?: string;
+            /** @description Area and time span, if they are known. */
+            extent?: {
+                [key: string]: unknown;
+            };
+            id?: string;
+            itemType?: string;
+            links?: components["schemas"]["OgcLink"][];
+            title?: string;
+        };
+        OgcCollections: {
+            collections?: components["schemas"]["OgcCollection"][];
+            links?: components["schemas"]["OgcLink"][];
+        };
+        OgcConformance: {
+            conformsTo?: string[];
+        };
+        OgcLanding: {
+            description?: string;
+            links?: components["schemas"]["OgcLink"][];
+            title?: string;
+        };
+        OgcLink: {
+            href?: string;
+            rel?: string;
+            title?: string;
+            type?: string;
+        };
         OutsideAnswer: {
             /** @description The lowest first; none: the map has one image alone. */
             floors?: components["schemas"]["FloorOut"][];

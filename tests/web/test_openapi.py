@@ -160,6 +160,7 @@ def fresh(library, owner, make_map, add_mission):
             ids = {"photos": photos, "experiences": photos, "queries": [row.id], "uploads": [upload.id]}
             ids |= {"jobs": [job.id], "placements": ["other"], "members": [owner.id], "accounts": [owner.id]}
         ids |= add_mission(map_id)
+        ids["collection"] = [f"map-{slug}-photos", f"mission-{ids['mission_id'][0]}-tracks"]
         folder = queries.folder(library, map_id)
         folder.mkdir(parents=True)
         (folder / "0.jpg").write_bytes(picture())
@@ -406,7 +407,7 @@ def test_others_get_nothing_of_what_is_not_shared(operations, fresh, library, ne
         assert answer.status_code >= 400, answer.text
 
     for operation in operations:
-        if any(name in operation.path for name in ("{slug}", "{job_id}", "{mission_id}")):
+        if any(name in operation.path for name in ("{slug}", "{job_id}", "{mission_id}", "{collection}")):
             each(cases(operation, slug, ids, [GenerationMode.POSITIVE]), examples=1, call=call)
     assert state(library, slug) == before
 

@@ -8,5 +8,5 @@ from webapp.connect import connections
 connect_group = LazyGroup(
     name="connect",
     help="Connect with other programs.",
-    commands={name: LazyCommand(*found) for name, found in connections().items()},
+    commands={name: LazyCommand(found.command, found.summary) for name, found in connections().items()},
 )

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from apiflask import APIFlask
 from flask import Blueprint
 
 from webapp.app.registry import REGISTRY
+from webapp.connect import connections
+from webapp.importing import import_name
 from webapp.missions.store import shares
 from webapp.missions.web import (
     api_batches,
@@ -123,11 +128,26 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     sharing_pages.blueprint,
 )
 
+CONNECTED: tuple[Parts, ...] = tuple(
+    import_name(found.web) for found in connections().values() if found.web is not None
+)
+"""The parts of the connections that are installed."""
+
+
+def _joined(*tables: Mapping[str, Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
+    return {name: value for table in tables for name, value in table.items()}
+
+
 WEB_PARTS = Parts(
-    blueprints=BLUEPRINTS,
+    blueprints=(*BLUEPRINTS, *(blueprint for part in CONNECTED for blueprint in part.blueprints)),
     public_lists={"missions": shares.public},
-    path_parameters=PATH_PARAMETERS,
-    operations=api_staged.OPERATIONS | mission_shares.OPERATIONS | models.OPERATIONS,
+    path_parameters=_joined(PATH_PARAMETERS, *(part.path_parameters for part in CONNECTED)),
+    operations=_joined(
+        api_staged.OPERATIONS,
+        mission_shares.OPERATIONS,
+        models.OPERATIONS,
+        *(part.operations for part in CONNECTED),
+    ),
     short_jobs=REGISTRY.short(),
 )
 

@@ -225,7 +225,7 @@ def _copy_line(one: PhotoCopy) -> str:
 @click.option("--blank", is_flag=True, help="Make a blank plan around the photos instead of an image.")
 @click.option(
     "--positions", type=_FILE, metavar="FILE",
-    help="Positions by file name instead of EXIF: a .cfg, a table, GeoJSON, KML, or GPX with waypoints.",
+    help="Positions by file name instead of EXIF: .cfg, table, GeoJSON, KML, GeoPackage, GPX with waypoints.",
 )  # fmt: skip
 @click.option(
     "--columns", metavar="TEXT", help="Columns of a table of positions: name=File, lat=Latitude, lon=3 ..."

@@ -9,10 +9,13 @@ from webapp.importing import import_name
 
 
 class Registration(NamedTuple):
-    """What a folder contributes: a command `expmap connect NAME`, where NAME is that of the folder."""
+    """What a folder contributes: a command `expmap connect NAME`, NAME being the folder's; and routes."""
 
     command: str  # "module:object"
     summary: str  # First sentence of its help
+    web: str | None = (
+        None  # "module:object" of the `webapp.web.state.Parts` that it adds to the web application
+    )
 
 
 def connections() -> dict[str, Registration]:

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from webapp.errors import ExpMapError, InputError, MissingPart, TooSlow, TrackError, UsageError
+from webapp.errors import ExpMapError, InputError, MissingPart, TableError, TooSlow, TrackError, UsageError
 from webapp.importing import import_name
 from webapp.progress import Progress
 from webapp.settings import FileLimits, environment_for
@@ -46,7 +46,7 @@ _POLL_S = 0.2
 _PATIENCE = 10.0
 """How long a caller waits for a child, in multiples of the child's CPU time: the machine may be busy."""
 
-_ERRORS = (InputError, TrackError, UsageError, MissingPart)
+_ERRORS = (InputError, TableError, TrackError, UsageError, MissingPart)
 _NATIVE = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _HINT = "export a part of it, or ask the operator to raise the limit"
 

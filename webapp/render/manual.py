@@ -30,6 +30,7 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "street",
         "satellite",
         "basemaps",
+        "gis",
         "georeference",
         "sharing",
         "field",

@@ -9,7 +9,7 @@ import { debounce } from "../shared/timing.js";
 import { nameList } from "./name-list.js";
 import { offer, placeButton, placeOnClick } from "./place-button.js";
 
-export const LIST_TYPES = ".cfg,.csv,.tsv,.txt,.geojson,.json,.kml,.gpx";
+export const LIST_TYPES = ".cfg,.csv,.tsv,.txt,.geojson,.json,.kml,.gpx,.gpkg";
 
 /** @type {import("../shared/column-choice.js").Field[]} */
 const PHOTO_COLUMNS = [
@@ -29,13 +29,13 @@ const PHOTO_COLUMNS = [
  */
 export function listDialog({ server, refresh, dots, view }, given, report) {
   const file = h("input", { class: "input", type: "file", accept: LIST_TYPES, "data-testid": "list-file" });
-  const columns = columnChoice(PHOTO_COLUMNS, ({ name }, text) => !/\.cfg$/i.test(name) && !/^\ufeff?\s*[{<]/.test(text));
+  const columns = columnChoice(PHOTO_COLUMNS, ({ name }, text) => !/\.cfg$/i.test(name) && !/^\ufeff?\s*([{<]|SQLite format 3)/.test(text));
   const movePlaced = h("input", { type: "checkbox", "data-testid": "list-move" });
   const moveLine = h("label", { class: "row", hidden: true }, movePlaced, t("Also move placed photos"));
   const outcome = h("div", { class: "stack stack--tight", "aria-live": "polite", "data-testid": "list-outcome" });
   const error = errorLine();
   const place = placeButton({ "data-testid": "list-place" });
-  const about = t("A .cfg; a table with file names and latitude and longitude, or pixels; GeoJSON, KML, or GPX with waypoints named like the photos.");
+  const about = t("A .cfg; a table with file names and latitude and longitude, or pixels; GeoJSON, KML, GeoPackage, or GPX with waypoints named like the photos.");
   const dialog = openDialog(t("Place by a list of positions"), [
     given ? h("p", {}, given.name) : field(t("List"), file, about), outcome, moveLine, error, columns.element,
   ], { actions: [place], modeless: true });

@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 from pyproj import Geod
 
+from tests.geopackages import point, write_package
 from tests.tasks.maps.test_cut_panoramas import panorama
 from webapp.core.boxes import BlurBox
 from webapp.core.geo.types import LatLon, MapPixel
@@ -269,6 +270,14 @@ def test_positions_by_name_come_instead_of_exif(folder, table):
     assert placed["none.jpg"].position == pytest.approx((200, 155), abs=1e-6)
     assert placed["none.jpg"].gps_accuracy_m is None
     assert "not in the list of positions" in next(f.reason for f in report.files if f.name == "img2.jpg")
+
+
+def test_positions_and_notes_from_a_geopackage(folder):
+    rows = [(point(14.001, 50.0005), "", "DCIM/img10.jpg", 90.0, "By the gate.")]
+    report = on_image(folder, positions=write_package(folder / "survey.gpkg", rows))
+    (placed,) = (f.experience for f in report.files if f.experience)
+    assert (placed.heading_deg, placed.note) == (90.0, "By the gate.")
+    assert placed.position == pytest.approx((200, 155), abs=1e-6)
 
 
 def test_positions_from_another_map_need_no_georeference(folder):

@@ -7,6 +7,7 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from PIL import Image
 
+from tests.geopackages import point, write_package
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import EnuMetres, LatLon
 from webapp.files.photos.exif_write import CameraTags, exif_bytes
@@ -124,6 +125,27 @@ def test_positions_by_name_are_one_edit(map_, owner):
     assert map_.places()["IMG_2.jpg"] == (30, 40, 90)
     assert map_.undo(owner) == "place-file"
     assert set(map_.places().values()) == {None}
+
+
+def test_a_geopackage_of_qfield_gives_places_headings_and_notes(map_, owner, tmp_path):
+    map_.image()
+    for number in range(2):
+        map_.add(photo(number), f"points_{number}.jpg")
+    map_.client.patch(f"{map_.url}/experiences/1", json={"note": "Ours."})
+    rows = [
+        (point(*latlon(-10, 0)[::-1]), "Gate", "DCIM/points_0.jpg", 90.0, "New hinge"),
+        (point(*latlon(0, 10)[::-1]), "Pond", "DCIM/points_1.jpg", None, "Theirs."),
+    ]
+    content = write_package(tmp_path / "a.gpkg", rows).read_bytes()
+    answer = map_.post("positions", content, "a.gpkg")
+    assert (answer.status_code, answer.json["placed"]) == (200, [0, 1])
+    assert map_.places() == {"points_0.jpg": (400, 400, 90), "points_1.jpg": (500, 300, None)}
+    with map_.library.database.read() as session:
+        notes = [photo.note for photo in maps.photos(session, map_.record(session))]
+    assert notes == ["New hinge", "Ours."]
+    assert map_.undo(owner) == "place-file"
+    refused = map_.post("positions", content[:3000], "a.gpkg")
+    assert (refused.status_code, refused.json["error"]["where"]) == (422, "a.gpkg")
 
 
 def test_a_list_is_looked_at_first_and_moves_what_is_placed_only_if_wanted(map_):

@@ -13,7 +13,7 @@ import math
 import re
 import unicodedata
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
 
 from webapp.core.columns import (
@@ -75,6 +75,7 @@ class ListedPosition:
     position: LatLon | MapPixel
     heading_deg: float | None
     where: str
+    note: str | None = None
 
 
 Lines = Sequence[tuple[str, str]]
@@ -310,7 +311,7 @@ def from_plane(
     for entry, (lat, lon) in zip(listed, found.tolist(), strict=True):
         if not math.isfinite(lat):
             raise TableError(f"the position is outside {plane[:40]}", where=entry.where)
-        yield ListedPosition(entry.name, latlon(lat, lon, where=entry.where), entry.heading_deg, entry.where)
+        yield replace(entry, position=latlon(lat, lon, where=entry.where))
 
 
 def _angle(text: str) -> float | None:

@@ -1,35 +1,45 @@
-"""Positions of photos by file name: a `.cfg`, a table, GeoJSON, KML, or the waypoints of a GPX file.
+"""Positions of photos by file name: a `.cfg`, a table, GeoJSON, KML, GeoPackage, or waypoints of a GPX file.
 
-Tables are read by `position_tables.py`.
+Tables are read by `position_tables.py`, GeoPackages by `geopackage.py` in a process of its own.
 """
 
 from __future__ import annotations
 
 import io
+import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
+from typing import Any
 from urllib.parse import unquote, urlsplit
 from xml.etree.ElementTree import Element
 
 from webapp.core.columns import PHOTO_FIELDS
 from webapp.core.geo.types import LatLon, MapPixel
-from webapp.errors import MapJsonError, TableError
+from webapp.core.texts import has_controls
+from webapp.errors import GeoreferenceError, MapJsonError, TableError
+from webapp.files import gate
 from webapp.files.decode import PHOTO_SUFFIXES
 from webapp.files.exchange.geojson import EXPORT_WGS84, NO_PLANE, is_beyond_degrees, stated_plane
 from webapp.files.exchange.gpx import GpxWaypoint, read_gpx
 from webapp.files.exchange.xml import child_text, local_name, number, walk
+from webapp.files.gate import Budget
 from webapp.files.json_fields import JsonField, parse_json
+from webapp.files.maps import geopackage
 from webapp.files.maps.cfg import read_cfg
 from webapp.files.maps.position_tables import ListedPosition, checked_heading, from_plane, latlon, read_table
 from webapp.files.text_file import read_bytes
 
-FORMATS = "a .cfg, a table of file names and positions, GeoJSON, KML, or GPX with waypoints"
+FORMATS = "a .cfg, a table of file names and positions, GeoJSON, KML, GeoPackage, or GPX with waypoints"
 
 _NAMES = PHOTO_FIELDS.names["name"]
 _MOST_VALUES = 1_000_000
 """Of a GeoJSON: several seconds of reading; a point has about ten."""
+
+_BUDGET = Budget(memory_mb=300.0, cpu_s=10.0, wait_s=60.0)
+"""Of reading a GeoPackage; the most points that it may have take a second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +51,9 @@ class Positions:
     image_size: tuple[int, int] | None = None
     # Degrees clockwise from north, where the list has them.
     headings_deg: Mapping[str, float] = field(default_factory=dict)
-    # Names shared by several points of a GeoJSON, KML or GPX, which are left out of `by_name`.
+    # What a GeoPackage says of photos.
+    notes: Mapping[str, str] = field(default_factory=dict)
+    # Names shared by several points of a GeoJSON, KML, GeoPackage or GPX, which are left out of `by_name`.
     repeated: tuple[str, ...] = ()
     _by_last: dict[str, list[str]] = field(init=False, repr=False, default_factory=dict)
 
@@ -69,6 +81,10 @@ class Positions:
         """Return the heading of a photo, looked up like `find`; None if the list has none."""
         return self.headings_deg.get(self._entry(name) or "")
 
+    def note_of(self, name: str) -> str | None:
+        """Return the note on a photo, looked up like `find`; None if the list has none."""
+        return self.notes.get(self._entry(name) or "")
+
     def _entry(self, name: str) -> str | None:
         if name in self.by_name:
             return name
@@ -94,6 +110,8 @@ def read_positions(path: Path, *, columns: str | None = None) -> Positions:
         map_ = read_cfg(path).map
         size = (map_.satellite.width, map_.satellite.height)
         return Positions({e.photo: e.position for e in map_.experiences}, size)
+    if is_geopackage(path):
+        return _of_points(_geopackage(path), where=str(path))
     data = read_bytes(path, error=TableError)
     match data.lstrip(b"\xef\xbb\xbf \t\r\n")[:1]:
         case b"{":
@@ -102,8 +120,12 @@ def read_positions(path: Path, *, columns: str | None = None) -> Positions:
             entries = list(_xml(data, where=str(path)))
         case _:
             return _of_table(read_table(data, columns, where=str(path), formats=FORMATS))
+    return _of_points(entries, where=str(path))
+
+
+def _of_points(entries: Sequence[ListedPosition], *, where: str) -> Positions:
     if not entries:
-        raise TableError("no point in it has a name", where=str(path), hint=f"use {FORMATS}")
+        raise TableError("no point in it has a name", where=where, hint=f"use {FORMATS}")
     counts = Counter(entry.name for entry in entries)
     repeated = tuple(name for name, count in counts.items() if count > 1)
     return _positions([entry for entry in entries if counts[entry.name] == 1], repeated)
@@ -123,7 +145,55 @@ def _of_table(entries: Sequence[ListedPosition]) -> Positions:
 def _positions(entries: Sequence[ListedPosition], repeated: tuple[str, ...] = ()) -> Positions:
     headings = {entry.name: entry.heading_deg for entry in entries if entry.heading_deg is not None}
     by_name = {entry.name: entry.position for entry in entries}
-    return Positions(by_name, headings_deg=headings, repeated=repeated)
+    notes = {entry.name: entry.note for entry in entries if entry.note}
+    return Positions(by_name, headings_deg=headings, notes=notes, repeated=repeated)
+
+
+def is_geopackage(path: Path) -> bool:
+    """Return whether a file is a database."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(geopackage.MAGIC)) == geopackage.MAGIC
+    except OSError:
+        return False
+
+
+def _geopackage(path: Path) -> list[ListedPosition]:
+    """Read the points of a GeoPackage that name photos."""
+    beside = path.with_name(f"{path.name}-wal")
+    if beside.exists() and beside.stat().st_size:
+        raise TableError(
+            "another program has changes of the GeoPackage that are not in the file yet",
+            where=str(path),
+            hint="close it in QGIS, or copy it there",
+        )
+    arguments = {"path": str(path), "suffixes": sorted(PHOTO_SUFFIXES)}
+    found: list[ListedPosition] = []
+    messages = gate.run(f"{geopackage.__name__}:rows", arguments, budget=_BUDGET)
+    with closing(messages):  # type: ignore[type-var]
+        for message in messages:
+            plane, rows = json.loads(message)
+            entries = [_row(row, in_plane=plane is not None) for row in rows]
+            found += entries if plane is None else _converted(entries, plane, where=str(path))
+    return found
+
+
+def _row(row: Sequence[Any], *, in_plane: bool) -> ListedPosition:
+    name, x, y, turned, note, here = row
+    if not in_plane and is_beyond_degrees(x, y):
+        raise TableError(NO_PLANE.format(f"{x:.10g}, {y:.10g}"), where=here, hint=EXPORT_WGS84)
+    heading = None if turned is None else checked_heading(float(turned), here)
+    position = MapPixel(x, y) if in_plane else latlon(y, x, where=here)
+    kept = "".join(c for c in note or "" if c in "\n\t" or not has_controls(c)).strip()
+    return ListedPosition(name, position, heading, here, kept or None)
+
+
+def _converted(entries: Sequence[ListedPosition], plane: str, *, where: str) -> list[ListedPosition]:
+    try:
+        return list(from_plane(entries, plane))
+    except GeoreferenceError as error:
+        message = f"the coordinate system {plane[:80]!r} is not known"
+        raise TableError(message, where=where, hint=EXPORT_WGS84) from error
 
 
 def _geojson(data: bytes, *, where: str) -> list[ListedPosition]:

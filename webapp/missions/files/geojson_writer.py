@@ -29,12 +29,13 @@ def format_mission_geojson(mission: MissionExport) -> Iterator[bytes]:
 
 def _features(mission: MissionExport) -> Iterator[Iterable[str]]:
     for track in mission.tracks:
-        yield _track(track)
+        yield track_feature(track)
     for found in mission.objects():
-        yield [_object(found)]
+        yield [object_feature(found)]
 
 
-def _track(track: ExportTrack) -> Iterator[str]:
+def track_feature(track: ExportTrack) -> Iterator[str]:
+    """Write a track as a feature, in parts."""
     facts = {
         "source": track.source,
         "name": track.name,
@@ -63,7 +64,7 @@ def _nested(track: ExportTrack, written: Callable[[Poses], list[str]], *, kind: 
         yield from (written(part)[0] for part in track.poses())
         return
     several = kind == "MultiLineString"
-    lines = _cut(track.poses()) if several else ((part, False) for part in track.poses())
+    lines = cut_at_meridian(track.poses()) if several else ((part, False) for part in track.poses())
     yield "[[" if several else "["
     comma = ""
     for part, ends in lines:
@@ -72,7 +73,7 @@ def _nested(track: ExportTrack, written: Callable[[Poses], list[str]], *, kind: 
     yield "]]" if several else "]"
 
 
-def _cut(parts: Iterable[Poses]) -> Iterator[tuple[Poses, bool]]:
+def cut_at_meridian(parts: Iterable[Poses]) -> Iterator[tuple[Poses, bool]]:
     """Cut at the 180th meridian: each line ends, and the next one begins, with a pose on the meridian.
 
     Yields:
@@ -121,7 +122,8 @@ def _headings(poses: Poses) -> list[str]:
     return ["null" if heading != heading else f"{heading:.3f}" for heading in poses.heading_deg.tolist()]
 
 
-def _object(found: ExportObject) -> str:
+def object_feature(found: ExportObject) -> str:
+    """Write an object as a feature."""
     first, last = utc([found.first_time_s, found.last_time_s])
     properties = {
         "class": found.kind,

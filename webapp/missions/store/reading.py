@@ -6,12 +6,12 @@ cleaning up. Poses added after the start are left out.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import select
+from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import LatLon
@@ -74,6 +74,30 @@ def some_objects(
     return list(session.scalars(found.order_by(MissionObject.object_id).limit(limit).offset(offset)))
 
 
+def find_objects(
+    session: Session,
+    mission_id: int,
+    *,
+    within: Sequence[ColumnElement[bool]],
+    after: str | None,
+    most: int,
+) -> tuple[list[MissionObject], int]:
+    """Read objects that meet conditions, ordered by id.
+
+    Args:
+        after: Only those with a larger id; None for all.
+        most: Maximum number.
+
+    Returns:
+        The objects, and the number of all that meet the conditions.
+    """
+    conditions = [MissionObject.mission_id == mission_id, *within]
+    count = session.scalar(select(func.count()).select_from(MissionObject).where(*conditions)) or 0
+    later = [] if after is None else [MissionObject.object_id > after]
+    found = select(MissionObject).where(*conditions, *later).order_by(MissionObject.object_id)
+    return list(session.scalars(found.limit(most))), count
+
+
 def _track(database: Database, track: Track, *, most: int | None) -> ExportTrack:
     bounds = None
     south, west, north, east = track.min_lat, track.min_lon, track.max_lat, track.max_lon
@@ -134,13 +158,14 @@ def _objects(database: Database, mission_id: int, *, people: bool) -> Iterator[E
             wanted = wanted.where(MissionObject.object_id > after)
         with database.read() as session:
             part = list(session.scalars(wanted.order_by(MissionObject.object_id).limit(_PART)))
-        yield from (_object(row, people=people) for row in part)
+        yield from (as_exported(row, people=people) for row in part)
         if len(part) < _PART:
             return
         after = part[-1].object_id
 
 
-def _object(row: MissionObject, *, people: bool) -> ExportObject:
+def as_exported(row: MissionObject, *, people: bool) -> ExportObject:
+    """Convert an object; `people` as for `read`."""
     return ExportObject(
         id=row.object_id,
         kind=row.kind,

@@ -42,7 +42,7 @@ def as_map(session: Session, record: MapRecord) -> Map | None:
         return None
     photos = [p for p in maps.photos(session, record) if not p.removed]
     by_gps = placed_by_gps(photos, georeference(record))
-    experiences = tuple(e for p in photos if (e := _experience(p, by_gps=p.id in by_gps)) is not None)
+    experiences = tuple(e for p in photos if (e := experience_of(p, by_gps=p.id in by_gps)) is not None)
     return Map(
         satellite=SatelliteImage(record.satellite_path, record.satellite_width, record.satellite_height),
         experiences=experiences,
@@ -96,7 +96,8 @@ def placed_by_gps(photos: Iterable[Photo], georeference: Georeference | None) ->
     return {p.id for p, away in zip(known, off.tolist(), strict=True) if away <= _SAME_PX}
 
 
-def _experience(photo: Photo, *, by_gps: bool) -> Experience | None:
+def experience_of(photo: Photo, *, by_gps: bool) -> Experience | None:
+    """Convert a photo; None for one in the tray."""
     if photo.x_px is None or photo.y_px is None:
         return None
     return Experience(

@@ -117,7 +117,12 @@ def _match(session: Session, record: MapRecord, positions: Positions) -> ListPre
     called = [(id, (p.name, p.path, PurePosixPath(p.name).stem)) for id, p in photos.items()]
     matched = match_names(positions.by_name, called)
     wanted = [
-        RequestedPose(photos[id], positions.by_name[entry], positions.headings_deg.get(entry))
+        RequestedPose(
+            photos[id],
+            positions.by_name[entry],
+            positions.headings_deg.get(entry),
+            note=positions.notes.get(entry),
+        )
         for entry, id in matched.photo.items()
     ]
     found = tuple(_listed(spot, image) for spot in find_spots(image, wanted))

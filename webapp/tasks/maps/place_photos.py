@@ -48,6 +48,7 @@ class SurveyedFile:
     reason: str | None = None  # The same as a message
     is_panorama: bool = False
     position_from: str | None = None  # `list`, or the source of its GPS position
+    note: str | None = None  # What a list says of it
 
     @property
     def gps(self) -> Gps | None:
@@ -139,7 +140,14 @@ class _Reader:
         heading = self.positions.heading_of(name)
         if heading is not None:
             facts = replace(facts, heading=Heading(heading, "T"))
-        return SurveyedFile(name, facts, listed, is_panorama=is_panorama, position_from="list")
+        return SurveyedFile(
+            name,
+            facts,
+            listed,
+            is_panorama=is_panorama,
+            position_from="list",
+            note=self.positions.note_of(name),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,6 +219,7 @@ def place(s: SurveyedFile, image: MapImage, *, photo: str) -> FileResult:
         taken_at=s.facts.taken_at,
         panorama=Panorama() if s.is_panorama else None,
         by_gps=s.gps is not None,
+        note=s.note,
     )
     return FileResult(
         s.name,

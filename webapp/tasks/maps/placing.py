@@ -19,13 +19,14 @@ from webapp.tasks.maps.place_photos import MapImage, how_far
 
 @dataclass(frozen=True, slots=True)
 class RequestedPose:
-    """Requested pose of a photo; None leaves heading or floor unchanged, a radius of None means exact."""
+    """Requested pose of a photo; None leaves what it is unchanged, a radius of None means exact."""
 
     photo: Photo
     position: LatLon | MapPixel
     heading_deg: float | None = None
     radius_px: float | None = None
     floor: int | None = None
+    note: str | None = None  # Only for a photo without one
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +39,7 @@ class PhotoSpot:
     heading_deg: float | None = None
     radius_px: float | None = None
     floor: int | None = None
+    note: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +91,8 @@ def find_spots(image: MapImage, wanted: Iterable[RequestedPose]) -> list[PhotoSp
             pixel = image.georeference.pixel_of(pixel)
         is_on_image = inside(pixel, width=image.width, height=image.height)
         problem = None if is_on_image else how_far(pixel, image)
-        spots.append(PhotoSpot(one.photo, pixel, problem, one.heading_deg, one.radius_px, one.floor))
+        note = None if one.photo.note else one.note
+        spots.append(PhotoSpot(one.photo, pixel, problem, one.heading_deg, one.radius_px, one.floor, note))
     return spots
 
 
@@ -109,7 +112,12 @@ def place_spots(
         if spot.problem is not None:
             outside.append(OutsidePhoto(spot.photo.id, spot.photo.name, spot.problem))
             continue
-        known = {"heading_deg": spot.heading_deg, "radius_px": spot.radius_px, "floor": spot.floor}
+        known = {
+            "heading_deg": spot.heading_deg,
+            "radius_px": spot.radius_px,
+            "floor": spot.floor,
+            "note": spot.note,
+        }
         also = {name: value for name, value in known.items() if value is not None}
         changes[f"photo/{spot.photo.id}"] = {"x_px": spot.pixel.x, "y_px": spot.pixel.y, **also}
         placed.append(spot.photo.id)

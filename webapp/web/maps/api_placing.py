@@ -169,7 +169,8 @@ def by_gps(slug: str) -> dict[str, Any]:
 @placing_api.output(ListedOut)
 @placing_api.doc(
     description="A `.cfg`; a table with any delimiter and columns of file names and positions, `lat` and "
-    "`lon` or `x` and `y` in pixels of the image; GeoJSON, KML or GPX with points that are named like photos."
+    "`lon` or `x` and `y` in pixels of the image; GeoJSON, KML, GeoPackage or GPX with points that are named "
+    "like photos. Notes of a GeoPackage are given to photos without a note."
 )
 def by_list(slug: str, query: dict[str, bool], given: dict[str, Any]) -> dict[str, Any]:
     """Place photos by a list of file names, or preview their positions."""

@@ -1,0 +1,333 @@
+"""The collections of features: photos and notes of each map, tracks and objects of each mission."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from flask import url_for
+from sqlalchemy import ColumnElement, and_, or_, select
+from sqlalchemy.orm import Session
+
+from webapp.connect.gis.layers import place_of, radius_of
+from webapp.connect.gis.ogc_query import Box, ItemQuery
+from webapp.core.geo.georeference import Georeference, latlon_grid
+from webapp.core.mapmodel.checks import MAX_NUMBER
+from webapp.core.mapmodel.notes import MapNote
+from webapp.errors import NotFound
+from webapp.files.exchange.geojson import photo_properties, point_feature
+from webapp.files.exchange.times import unix_time, utc
+from webapp.missions.files.geojson_writer import object_feature, track_feature
+from webapp.missions.store import missions, reading, tracks
+from webapp.missions.store.schema import MissionObject, Track
+from webapp.missions.web.context import open_mission
+from webapp.store.maps import maps
+from webapp.store.schema import MapRecord, Photo
+from webapp.tasks.maps.library_map import experience_of, floors, georeference, notes, placed_by_gps
+from webapp.web.context import account, library, open_map, reading_map
+
+_NAME = re.compile(
+    r"map-(?P<slug>.{1,200})-(?P<of_map>photos|notes)|mission-(?P<id>\d{1,10})-(?P<of_mission>tracks|objects)"
+)
+
+_MOST_POSES = 200_000
+"""Poses of the tracks in one answer."""
+
+_POSES = 5000
+"""Largest number of poses of a track, evenly spread."""
+
+_ABOUT = {
+    "photos": "Photos at the positions where they were taken",
+    "notes": "Notes on spots of the map",
+    "tracks": f"Tracks as lines of at most {_POSES} poses",
+    "objects": "Objects that were seen",
+}
+
+
+class CollectionName(NamedTuple):
+    """What an id of a collection names."""
+
+    kind: str  # `photos`, `notes`, `tracks` or `objects`
+    slug: str | None  # Of the map
+    mission_id: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Collection:
+    """A collection."""
+
+    id: str
+    title: str
+    about: str
+    box: Box | None = None
+    span_s: tuple[float, float] | None = None  # Unix seconds
+
+
+@dataclass(frozen=True, slots=True)
+class Items:
+    """Some features of a collection."""
+
+    features: list[dict[str, Any]]
+    matched: int  # Number of all that are wanted
+    after: str | None  # Id of the last one, if more follow
+
+
+def parse_name(id: str) -> CollectionName:
+    """Parse the id of a collection. Raises NotFound."""
+    found = _NAME.fullmatch(id)
+    if found is None or int(found["id"] or 0) > MAX_NUMBER:
+        raise NotFound("there is no such collection", where=id[:80], hint="see the list of collections")
+    if found["slug"] is not None:
+        return CollectionName(found["of_map"], found["slug"], None)
+    return CollectionName(found["of_mission"], None, int(found["id"]))
+
+
+def check_right(id: str) -> None:
+    """Check that the caller may see a collection. Raises NotSignedIn, NotFound."""
+    name = parse_name(id)
+    if name.slug is not None:
+        open_map(name.slug)
+    else:
+        open_mission(name.mission_id or 0)
+
+
+def list_collections() -> list[Collection]:
+    """List the collections of the maps with a georeference, and of the missions, that the caller may see."""
+    who = account()
+    with library().database.read() as session:
+        of_maps = [
+            c for record in maps.list_maps(session, who) if record.georeference for c in _of_map(record)
+        ]
+        entries = missions.list_missions(session, who)
+        return of_maps + [c for e in entries for c in _of_mission(e.mission.id, e.mission.name, e.tracks)]
+
+
+def describe(id: str) -> Collection:
+    """Describe a collection. Raises NotSignedIn, NotFound."""
+    name = parse_name(id)
+    if name.slug is not None:
+        found = _of_map(open_map(name.slug))
+    else:
+        mission = open_mission(name.mission_id or 0)
+        with library().database.read() as session:
+            found = _of_mission(mission.id, mission.name, tracks.list_tracks(session, mission.id))
+    return next(one for one in found if one.id == id)
+
+
+def _of_map(record: MapRecord) -> list[Collection]:
+    found, box = georeference(record), None
+    if found is not None and record.satellite_width and record.satellite_height:
+        box = _outline(found, (record.satellite_width, record.satellite_height))
+    return [
+        Collection(f"map-{record.slug}-{kind}", f"{record.name}: {kind}", _ABOUT[kind], box)
+        for kind in ("photos", "notes")
+    ]
+
+
+def _outline(found: Georeference, size: tuple[int, int]) -> Box | None:
+    """Return the area of an image; None if a part of it has no position, or it crosses the 180th meridian."""
+    corners = [corner for corner in latlon_grid(found, size, cells=1).latlon if corner is not None]
+    if len(corners) < 4:
+        return None
+    (south, west), (north, east) = np.min(corners, axis=0).tolist(), np.max(corners, axis=0).tolist()
+    return (west, south, east, north) if east - west <= 180.0 else None
+
+
+def _of_mission(id: int, name: str, found: Iterable[Track]) -> list[Collection]:
+    there = [track for track in found if track.poses]
+    boxes = [box for track in there if (box := _box_of(track)) is not None]
+    box = None
+    if boxes:
+        (west, south, _, _), (_, _, east, north) = (
+            np.min(boxes, axis=0).tolist(),
+            np.max(boxes, axis=0).tolist(),
+        )
+        box = (west, south, east, north)
+    timed = [track for track in there if track.timed]
+    times = [time for t in timed for time in (t.first_time_s, t.last_time_s) if time is not None]
+    span_s = (min(times), max(times)) if times else None
+    return [
+        Collection(f"mission-{id}-{kind}", f"{name}: {kind}", _ABOUT[kind], box, span_s)
+        if kind == "tracks"
+        else Collection(f"mission-{id}-{kind}", f"{name}: {kind}", _ABOUT[kind])
+        for kind in ("tracks", "objects")
+    ]
+
+
+def _box_of(track: Track) -> Box | None:
+    west, south, east, north = track.min_lon, track.min_lat, track.max_lon, track.max_lat
+    if west is None or south is None or east is None or north is None:
+        return None
+    return (west, south, east, north)
+
+
+def items(id: str, query: ItemQuery) -> Items:
+    """Read some features of a collection. Raises NotSignedIn, NotFound."""
+    name = parse_name(id)
+    if name.slug is not None:
+        with reading_map(name.slug) as (session, record):
+            if name.kind == "photos":
+                return _photos(session, record, query)
+            return _page(list(_notes(record)), query)
+    mission_id = open_mission(name.mission_id or 0).id
+    return _tracks(mission_id, query) if name.kind == "tracks" else _objects(mission_id, query)
+
+
+def item(id: str, feature_id: str) -> dict[str, Any]:
+    """Read one feature. Raises NotSignedIn, NotFound."""
+    name = parse_name(id)
+    found: dict[str, Any] | None = None
+    if name.slug is not None:
+        with reading_map(name.slug) as (session, record):
+            if name.kind == "notes":
+                found = next((f for f in _notes(record) if f["id"] == feature_id), None)
+            elif feature_id.isascii() and feature_id.isdecimal() and int(feature_id[:11]) <= MAX_NUMBER:
+                found = next(_photo_features(session, record, [int(feature_id)]), None)
+    else:
+        mission_id = open_mission(name.mission_id or 0).id
+        if name.kind == "tracks":
+            listed = [track for track in _listed_tracks(mission_id) if f"track-{track.id}" == feature_id]
+            found = next(_track_features(mission_id, listed), None)
+        else:
+            with library().database.read() as session:
+                found = _object(missions.find_object(session, mission_id, feature_id))
+    if found is None:
+        raise NotFound("there is no such feature in the collection", where=feature_id[:80])
+    return found
+
+
+def _photos(session: Session, record: MapRecord, query: ItemQuery) -> Items:
+    dots = maps.dots(session, record, placed=True)
+    ids = np.array([dot.id for dot in dots], np.int64)
+    latlon = np.full((len(dots), 2), np.nan)
+    found = georeference(record)
+    if found is not None and len(dots):
+        latlon = found.latlon_from_pixel(np.array([(dot.x_px, dot.y_px) for dot in dots], np.float64))
+    wanted = query.within(latlon[:, 0], latlon[:, 1])
+    if query.span_s is not None:
+        rows = session.execute(
+            select(Photo.id, Photo.taken_at).where(Photo.map_id == record.id, Photo.taken_at.is_not(None))
+        )
+        times = {id: unix_time(taken) for id, taken in rows if taken is not None}
+        taken_s = [times.get(id, math.nan) for id in ids.tolist()]
+        wanted &= [query.during(time_s, time_s) for time_s in taken_s]
+    matched = ids[wanted]
+    after = int(query.after) if query.after and query.after.isdecimal() and len(query.after) < 12 else -1
+    rest = matched[matched > after]
+    page = rest[: query.limit].tolist()
+    more = str(page[-1]) if len(rest) > query.limit else None
+    return Items(list(_photo_features(session, record, page)), len(matched), more)
+
+
+def _photo_features(session: Session, record: MapRecord, ids: list[int]) -> Iterator[dict[str, Any]]:
+    found = georeference(record)
+    photos = maps.photos_by_id(session, record, ids)
+    by_gps = placed_by_gps(photos.values(), found)
+    named = {floor.id: floor for floor in floors(record)}
+    for id in ids:
+        photo = photos.get(id)
+        e = None if photo is None or photo.removed else experience_of(photo, by_gps=id in by_gps)
+        if e is None:
+            continue
+        properties = {**photo_properties(e), "name": e.name or e.photo.rpartition("/")[2]}
+        properties["radius_m"] = None if found is None else radius_of(e, found)
+        properties["picture"] = url_for("api_photos.preview", slug=record.slug, id=id, _external=True)
+        if e.floor in named:
+            properties |= {"floor": named[e.floor].name, "level": named[e.floor].level}
+        at = None if found is None else place_of(e.position, found)
+        yield json.loads(point_feature(id, at, properties=properties))
+
+
+def _notes(record: MapRecord) -> Iterator[dict[str, Any]]:
+    found = georeference(record)
+    named = {floor.id: floor for floor in floors(record)}
+    for note in sorted(notes(record), key=lambda note: note.id):
+        yield _note(note, found, {"floor": named[note.floor].name} if note.floor in named else {})
+
+
+def _note(note: MapNote, found: Georeference | None, more: dict[str, Any]) -> dict[str, Any]:
+    at = None if found is None else place_of(note.position, found)
+    about = {"title": note.title, "note": note.text or None, "photos": ",".join(map(str, note.photos))}
+    feature: dict[str, Any] = json.loads(point_feature(f"note-{note.id}", at, properties=about | more))
+    return feature
+
+
+def _page(features: list[dict[str, Any]], query: ItemQuery) -> Items:
+    """Return the wanted points of a short list."""
+    places = [(f["geometry"] or {"coordinates": (math.nan, math.nan)})["coordinates"][:2] for f in features]
+    lon, lat = np.array(places, np.float64).reshape(-1, 2).T
+    wanted = [f for f, is_inside in zip(features, query.within(lat, lon), strict=True) if is_inside]
+    ids = [f["id"] for f in wanted]
+    begin = ids.index(query.after) + 1 if query.after in ids else 0
+    page = wanted[begin : begin + query.limit]
+    more = page[-1]["id"] if begin + query.limit < len(wanted) else None
+    return Items(page, len(wanted), more)
+
+
+def _listed_tracks(mission_id: int) -> list[Track]:
+    with library().database.read() as session:
+        found = tracks.list_tracks(session, mission_id)
+    return sorted((track for track in found if track.poses), key=lambda track: track.id)
+
+
+def _tracks(mission_id: int, query: ItemQuery) -> Items:
+    wanted = [
+        track
+        for track in _listed_tracks(mission_id)
+        if query.touches(_box_of(track))
+        and (not track.timed or query.during(track.first_time_s, track.last_time_s))
+    ]
+    names = [f"track-{track.id}" for track in wanted]
+    begin = names.index(query.after) + 1 if query.after in names else 0
+    page = wanted[begin : begin + query.limit]
+    more = names[begin + query.limit - 1] if begin + query.limit < len(wanted) else None
+    return Items(list(_track_features(mission_id, page)), len(wanted), more)
+
+
+def _track_features(mission_id: int, wanted: list[Track]) -> Iterator[dict[str, Any]]:
+    most = max(2, min(_POSES, _MOST_POSES // max(len(wanted), 1)))
+    mission = reading.read(library().database, mission_id, most=most)
+    exported = {track.id: track for track in mission.tracks}
+    for track in wanted:
+        if track.id not in exported:  # it was deleted meanwhile
+            continue
+        feature = json.loads("".join(track_feature(exported[track.id])))
+        if track.timed and track.first_time_s is not None and track.last_time_s is not None:
+            first, last = utc([track.first_time_s, track.last_time_s])
+            feature["properties"] |= {"first_time": first, "last_time": last}
+        yield feature
+
+
+def _objects(mission_id: int, query: ItemQuery) -> Items:
+    conditions = list(_conditions(query))
+    with library().database.read() as session:
+        rows, matched = reading.find_objects(
+            session, mission_id, within=conditions, after=query.after, most=query.limit + 1
+        )
+    page = rows[: query.limit]
+    more = page[-1].object_id if len(rows) > query.limit else None
+    return Items([_object(row) for row in page], matched, more)
+
+
+def _object(row: MissionObject) -> dict[str, Any]:
+    feature: dict[str, Any] = json.loads(object_feature(reading.as_exported(row, people=True)))
+    return feature
+
+
+def _conditions(query: ItemQuery) -> Iterator[ColumnElement[bool]]:
+    if query.box is not None:
+        west, south, east, north = query.box
+        yield MissionObject.lat.between(south, north)
+        join = and_ if west <= east else or_
+        yield join(MissionObject.lon >= west, MissionObject.lon <= east)
+    if query.span_s is not None:
+        first, last = query.span_s
+        if first > -math.inf:
+            yield MissionObject.last_time_s >= first
+        if last < math.inf:
+            yield MissionObject.first_time_s <= last
