@@ -1,14 +1,16 @@
-/** Parts of every page: menus, the theme switch, the offline notice. */
+/** Parts of every page: menus, the switches of theme and positions, the offline notice. */
 
 import { closeMenus, h, metaOf } from "./dom.js";
 import { t } from "./i18n.js";
 import { connectJobs } from "./jobs-menu.js";
+import { connectPositions } from "./map/positions.js";
 import { connectSharing } from "./share-map.js";
 import { connectTerms } from "./term.js";
 import { connectTheme } from "./theme.js";
 
 closeMenus(document);
 connectTheme(document.body);
+connectPositions();
 connectCopyButtons();
 connectSharing();
 connectTabs();
