@@ -8,6 +8,9 @@ import { connectSharing } from "./share-map.js";
 import { connectTerms } from "./term.js";
 import { connectTheme } from "./theme.js";
 
+/** Room for the mark that there are more tabs, as in the style sheet. */
+const MORE_PX = 28;
+
 closeMenus(document);
 connectTheme(document.body);
 connectPositions();
@@ -47,9 +50,6 @@ async function workOffline() {
   const { active } = await navigator.serviceWorker.ready;
   active.postMessage({ account, page: location.pathname });
 }
-
-/** Room for the mark that there are more tabs, as in the style sheet. */
-const MORE_PX = 28;
 
 /** If not all tabs fit, scroll to the current one, mark where there are more, and hide those that would be cut off. */
 function connectTabs() {
