@@ -68,7 +68,7 @@ def test_tabs_without_room_are_not_cut_through_words(open_context, owner, sample
     )
     assert len(seen) >= 3
     assert min(start for start, _ in seen) >= (28 if left else 0)
-    assert max(end for _, end in seen) <= 390 - (28 if right else 0)
+    assert max(end for _, end in seen) <= 391 - (28 if right else 0)
     expect(page.locator(".tabs [aria-current=page]")).not_to_have_attribute("data-cut", "")
 
 
