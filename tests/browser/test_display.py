@@ -1,6 +1,10 @@
 """Choice of theme and language."""
 
+import re
+
 from playwright.sync_api import expect
+
+from tests.browser.edit_page import EditPage
 
 
 def test_czech_stays_chosen(open_context, app, fresh_owner):
@@ -45,3 +49,33 @@ def test_dark_stays_chosen(page):
     assert dark != light
     page.reload()
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == dark
+
+
+def choose_positions(page, name):
+    page.locator("header summary:not(#jobs-menu-button)").click()
+    page.get_by_role("group", name="Positions").get_by_role("button", name=name).click()
+    page.keyboard.press("Escape")
+
+
+def test_positions_in_the_form_that_was_chosen(open_context, owner, sample_map):
+    context = open_context(storage_state=owner, permissions=["clipboard-read", "clipboard-write"])
+    edit = EditPage(context.new_page(), sample_map).open()
+    page = edit.page
+    cursor = page.locator(".ed-cursor-position")
+    page.mouse.move(*edit.screen(500, 600))
+    expect(cursor).to_contain_text("° N")
+    choose_positions(page, "MGRS")
+    page.mouse.move(*edit.screen(501, 600))
+    expect(cursor).to_contain_text(re.compile(r"33U WR \d{5} \d{5}"))
+    page.mouse.click(*edit.screen(500, 600), button="right")
+    page.get_by_role("menuitem", name="Copy the coordinates").click()
+    expect(page.locator(".toast")).to_contain_text("Copied")
+    assert re.fullmatch(r"33U WR \d{5} \d{5}", page.evaluate("navigator.clipboard.readText()"))
+    page.goto(f"/maps/{sample_map}/view?photo=20")  # kept, also on other pages
+    page.locator("#photo-facts-button, .vw-facts summary").first.click()
+    shown = page.locator("#photo-facts .copy-text")
+    expect(shown).to_contain_text("33U WR")
+    choose_positions(page, "Degrees, minutes, seconds")
+    expect(shown).to_contain_text(re.compile(r"50°\d\d'"))
+    page.goto(f"/maps/{sample_map}/image")
+    expect(page.locator("[data-position]").first).to_contain_text(re.compile(r"50°\d\d'"))

@@ -83,6 +83,7 @@ def is_right(page, truth):
     place, probability = first_place(page)
     assert math.dist(place, truth) < RIGHT_WITHIN_PX
     assert probability > float(page.get_by_test_id("off-map").get_attribute("data-probability"))
+    expect(page.locator("#shares")).to_have_text("Probability that it was taken there")
 
 
 def scale_of(page):

@@ -501,3 +501,47 @@ def test_fusion_asks_which_of_several_odometries_is_meant(page, api, mission, se
     dialog.get_by_role("button", name="Correct").click()
     expect(page.get_by_role("checkbox", name="Corrected")).to_be_visible(timeout=WORK_MS)
     assert api.ask("GET", f"/missions/{mission}/fusion")["odometry_name"] == "wheels"
+
+
+def test_a_distance_is_measured(page, mission, send):
+    send(*(pose(n) for n in range(120)), seen({**FIRST, "time": BEGIN}))
+    page.goto(f"/missions/{mission}")
+    settled_pixels(page)
+    page.keyboard.press("d")
+    bar = by_id(page, "measure-bar")
+    expect(bar).to_be_visible()
+    box = by_id(page, "map-canvas").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    places = [(x - 150, y - 60), (x + 150, y - 60), (x + 150, y + 60)]
+    for place in places:
+        page.mouse.click(*place)
+    expect(page.locator(".ed-measure-point")).to_have_count(3)
+    length = page.locator("#measure-length")
+    whole = float(length.inner_text().split()[0])
+    leg, bearing = re.fullmatch(
+        r"last leg ([\d.]+) m, (\d+)°", by_id(page, "measure-leg").inner_text()
+    ).groups()
+    assert float(leg) / whole == pytest.approx(120 / 420, abs=0.01)
+    assert int(bearing) == pytest.approx(180, abs=1)
+    assert axe.findings(page) == []
+    expect(by_id(page, "object-card")).to_be_hidden()  # clicks measure, they choose nothing
+    page.get_by_role("button", name="Remove the last point").click()
+    expect(by_id(page, "measure-leg")).to_have_text("90°")
+    by_id(page, "map-canvas").focus()
+    page.keyboard.press("Enter")
+    expect(page.locator(".ed-measure-point")).to_have_count(3)
+    page.keyboard.press("Escape")
+    expect(bar).to_be_hidden()
+    expect(page.locator(".ed-measure-point")).to_have_count(0)
+    expect(page.get_by_role("button", name="Measure a distance")).to_have_attribute("aria-pressed", "false")
+
+
+def test_the_last_position_with_its_accuracy_in_the_chosen_form(page, mission, send):
+    send(*(pose(n) for n in range(20)), pose(20, covariance=[9, 36, 0]))
+    page.goto(f"/missions/{mission}")
+    track = by_id(page, "track")
+    expect(track).to_contain_text("± 9.06 m × 4.53 m (68\u00a0%)")
+    expect(track).to_contain_text("° N")
+    page.locator("header summary:not(#jobs-menu-button)").click()
+    page.get_by_role("group", name="Positions").get_by_role("button", name="UTM").click()
+    expect(track).to_contain_text(re.compile(r"33U \d{6} \d{7}"))

@@ -50,3 +50,17 @@ def test_the_next_photo_comes_by_itself_and_stays_while_zooming(make_page):
     edit.page.mouse.move(*edit.screen(500, 375))
     edit.page.mouse.wheel(0, -400)
     expect(edit.current).to_contain_text(names[1])
+
+
+def test_a_click_after_back_to_the_tray_places_nothing(make_page, api):
+    edit = make_page(2, placed=True)
+    edit.tray.first.click()
+    edit.page.locator("#current-tray").click()
+    expect(edit.unplaced).to_have_text("1")
+    expect(edit.page.locator("#instruction")).to_have_text("Select the photo again to place it.")
+    edit.click(300, 400)
+    edit.page.wait_for_timeout(300)
+    expect(edit.unplaced).to_have_text("1")
+    edit.tray.first.click()
+    edit.click(300, 400)
+    expect(edit.unplaced).to_have_text("0")

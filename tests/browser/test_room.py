@@ -1,5 +1,6 @@
 """Room for what people look at: low windows, messages and jobs that cover nothing, cards, long names."""
 
+import itertools
 import re
 
 import pytest
@@ -32,6 +33,43 @@ def test_in_a_low_window_the_map_has_a_least_height_and_the_page_scrolls(make_pa
     assert page.evaluate("document.documentElement.scrollHeight > innerHeight + 100")
     page.evaluate("window.scrollTo(0, 9999)")
     assert page.evaluate("window.scrollY > 100")
+
+
+def assert_page_scrolls(page):
+    assert page.evaluate("document.documentElement.scrollHeight > innerHeight + 20")
+    page.evaluate("window.scrollTo(0, 9999)")
+    assert page.evaluate("window.scrollY > 10")
+
+
+@pytest.mark.parametrize("width", [683, 1000])
+def test_in_a_low_window_nothing_covers_the_map_of_a_mission(page, api, width):
+    mission = api.ask("POST", "/missions", data={"name": f"Low {width}"})["id"]
+    place = {"type": "pose", "time": 1_760_000_000, "lat": 50.0772, "lon": 14.4175}
+    records = [place, {**place, "time": place["time"] + 9, "lat": 50.0774}]
+    api.ask("POST", f"/missions/{mission}/batches", data={"sender": "robot", "first": 0, "records": records})
+    page.set_viewport_size({"width": width, "height": 384})
+    page.goto(f"/missions/{mission}")
+    page.get_by_test_id("track").wait_for()
+    boxes = [page.locator(part).bounding_box() for part in ("#map-canvas", ".mi-time", "#panel")]
+    assert boxes[0]["height"] >= LEAST_PX
+    assert not any(overlap(*pair) for pair in itertools.combinations(boxes, 2))
+    assert_page_scrolls(page)
+
+
+@pytest.mark.parametrize(("locale", "tab"), [("de", "edit"), ("fr", "quality"), ("de", "settings")])
+def test_tabs_without_room_are_not_cut_through_words(open_context, owner, sample_map, locale, tab):
+    options = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+    page = open_context(storage_state=owner, locale=locale, **options).new_page()
+    page.goto(f"/maps/{sample_map}/{tab}")
+    expect(page.locator(".tabs [data-cut]").first).to_be_attached()
+    left, right = page.locator(".tabs").evaluate("bar => [bar.scrollLeft > 1, bar.hasAttribute('data-more')]")
+    seen = page.locator(".tabs a:not([data-cut]):visible").evaluate_all(
+        "tabs => tabs.map((tab) => tab.getBoundingClientRect()).map(({ left, right }) => [left, right])"
+    )
+    assert len(seen) >= 3
+    assert min(start for start, _ in seen) >= (28 if left else 0)
+    assert max(end for _, end in seen) <= 391 - (28 if right else 0)
+    expect(page.locator(".tabs [aria-current=page]")).not_to_have_attribute("data-cut", "")
 
 
 def test_jobs_are_slim_lines_and_messages_are_over_the_image(make_page):

@@ -172,6 +172,7 @@ def test_no_answer_stays_with_the_next_photo(visitor, asks, tmp_path):
     visitor.get_by_test_id("query-input").set_input_files(broken)
     expect(error).to_contain_text("broken.jpg")
     expect(error).to_have_count(1)
+    expect(visitor.get_by_text("This browser cannot show the photo")).to_be_visible()
     expect(visitor.locator("#answer")).to_be_hidden()
     assert axe.findings(visitor) == []
     asks(1)

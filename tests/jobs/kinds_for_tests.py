@@ -22,8 +22,9 @@ def count(context):
     """Create a file per step, and never repeat a step."""
     steps = context.arguments["steps"]
     todo = [context.library.inner / f"step-{n}" for n in range(steps)]
-    todo = [path for path in todo if not path.exists()]
     context.progress.size(len(todo))
+    todo = [path for path in todo if not path.exists()]
+    context.progress.skip(steps - len(todo))
     for path in todo:
         context.progress.check()
         time.sleep(context.arguments.get("seconds", 0.1))

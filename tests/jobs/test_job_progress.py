@@ -30,6 +30,17 @@ def test_a_stage_without_a_plan_is_added():
     assert progress.state()[:2] == (4, 5)
 
 
+def test_steps_of_an_earlier_run_are_left_out():
+    progress = JobProgress()
+    progress.skip()  # before the first stage: nothing
+    progress.size(10)
+    progress.skip(6)
+    progress.advance()
+    assert progress.state()[:2] == (1, 4)
+    progress.skip(9)
+    assert progress.state()[:2] == (0, 0)
+
+
 def test_it_stops_when_asked():
     progress = JobProgress()
     progress.check()

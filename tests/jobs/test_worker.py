@@ -162,6 +162,19 @@ def test_after_kill_9_another_worker_continues_at_once(library, start, queue, se
     assert steps(library) == 12
 
 
+def test_a_job_that_goes_on_shows_how_long_the_rest_takes(library, start, queue, seen, wait_for):
+    id = queue("count", arguments={"steps": 400, "seconds": 0.2})
+    killed = start(lease_s=600.0)
+    wait_for(lambda: steps(library) >= 8)
+    killed.kill()
+    killed.wait()
+    start(lease_s=600.0)
+    wait_for(lambda: seen(id)["state"] == "running" and seen(id)["total"] < 400 and seen(id)["done"] >= 1)
+    now = seen(id)
+    assert now["seconds_left"] >= 0.2 * (now["total"] - now["done"])  # what was done before is not its pace
+    assert now["seconds_left"] <= 60 * (now["total"] - now["done"])
+
+
 def test_two_workers_do_each_step_once(library, start, queue, seen, wait_for):
     ids = [queue("count", key=str(n), arguments={"steps": 0}) for n in range(6)]
     start(), start()

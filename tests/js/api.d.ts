@@ -897,6 +897,8 @@ export interface components {
             objects?: number;
         };
         LastOut: {
+            /** @description Variance east, variance north, covariance of the two; null: unknown. */
+            covariance_m2?: number[] | null;
             heading_deg?: number | null;
             lat?: number;
             lon?: number;

@@ -3,7 +3,7 @@ import { test } from "node:test";
 
 import "./page.mjs";
 
-const { clamped, Georeference, imageAngle, isInside, latLngOf, latLonText, parseLatLon, pixelOf, roundLength, wholeTurn } = await import(
+const { clamped, Georeference, imageAngle, isInside, latLngOf, latLonText, pixelOf, roundLength, wholeTurn } = await import(
   "../../static/js/shared/map/coords.js"
 );
 
@@ -64,12 +64,6 @@ test("without a georeference there are no positions", () => {
   assert.equal(none.latLon([1, 1]), null);
   assert.equal(none.north([1, 1]), 0);
   assert.equal(none.metresPerPixel, null);
-});
-
-test("latitude and longitude are parsed in the usual notations", () => {
-  assert.deepEqual(parseLatLon("50.0875, 14.4213"), [50.0875, 14.4213]);
-  assert.deepEqual(parseLatLon("-33.9 151.2"), [-33.9, 151.2]);
-  for (const wrong of ["", "50", "86, 10", "10, 181", "1, 2, 3", "somewhere"]) assert.equal(parseLatLon(wrong), null);
 });
 
 test("latitude and longitude are written with their hemispheres", () => {

@@ -100,6 +100,12 @@ class JobProgress(Progress):
         with self._lock:
             self._done += steps
 
+    def skip(self, steps: int = 1) -> None:
+        """Leave out steps of an earlier run, so that the pace is that of the others."""
+        with self._lock:
+            if self._stage >= 0:
+                self._sizes[self._stage] = max(self._sizes[self._stage] - steps, 0)
+
     def note(self, text: str) -> None:
         """Set the description of the current step."""
         with self._lock:

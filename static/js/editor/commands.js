@@ -132,12 +132,12 @@ export class Commands {
     if (current && canEdit) this.turn(current.id, (this.store.heading(current.id) ?? 0) + degrees);
   }
 
-  /** Move photos back to the tray. */
+  /** Move photos back to the tray; a click on the image does not place the current one again until it is selected anew. */
   toTray(ids) {
     const placed = ids.filter((id) => this.store.isPlaced(id));
     if (!placed.length) return;
     this._edit("unplace", placed.map((id) => ({ id, x_px: null, y_px: null })));
-    if (placed.includes(this.store.currentId)) this.store.setCurrent(this.store.currentId);
+    this.store.setTool("select");
     this.say(tn("{n} photo is back in the tray", "{n} photos are back in the tray", placed.length));
   }
 

@@ -40,7 +40,7 @@ function plain(event, page, typed) {
 }
 
 /** Keys that act only while the image has the focus. */
-function onImage(event, { crosshair, commands, view, dots }) {
+function onImage(event, { crosshair, commands, view, dots, measure }) {
   const { store } = commands;
   const arrow = ARROWS[event.key];
   const step = event.shiftKey ? FAST_STEP : STEP;
@@ -51,6 +51,7 @@ function onImage(event, { crosshair, commands, view, dots }) {
   const [under] = dots.near(crosshair.point).filter((id) => id !== store.currentId);
   if (event.key === " ") return () => under !== undefined && store.toggleSelected(under);
   if (event.key !== "Enter") return null;
+  if (measure.active) return () => measure.add(crosshair.pixel);
   const choose = store.tool === "select" && under !== undefined;
   return () => (choose ? store.setCurrent(under) : commands.placeCurrent(crosshair.pixel));
 }
@@ -88,7 +89,7 @@ function single(event, { commands, view, measure, northUp, help }) {
     m: () => view.element.focus(),
     f: () => openViewer(commands),
     u: () => northUp.toggle(),
-    d: () => (measure.active ? measure.stop() : store.satellite && measure.start()),
+    d: () => store.satellite && measure.toggle(),
     "?": help,
   };
   return actions[event.key.toLowerCase()] || null;

@@ -1,11 +1,12 @@
 /** The selected place: coordinates to copy, and buttons to add the photo to the map. */
 
 import { placeName } from "../shared/answer/answer-list.js";
-import { copy } from "../shared/clipboard.js";
+import { copyButton } from "../shared/clipboard.js";
 import { busy } from "../shared/dialogs.js";
 import { byId, h, icon } from "../shared/dom.js";
 import { lengthText, numberText } from "../shared/format.js";
 import { t } from "../shared/i18n.js";
+import { onPositionForm, positionForm } from "../shared/map/positions.js";
 import { term } from "../shared/term.js";
 import { debounce } from "../shared/timing.js";
 import { toast, toastError } from "../shared/toast.js";
@@ -26,6 +27,7 @@ export function showPlace(page) {
     else byId("coordinates").replaceChildren();
   };
   session.on("chosen spot query mode", render);
+  onPositionForm(render);
 }
 
 function title({ spot, hypothesis }) {
@@ -47,12 +49,13 @@ async function showCoordinates({ session, server }) {
     const received = await server.coordinates(position, abort.signal);
     if (abort.signal.aborted) return;
     const known = [
-      [[t("Decimal")], received.decimal],
-      [[t("Degrees")], received.dms],
-      [["UTM", " ", term("utm")], received.utm],
-      [["MGRS", " ", term("mgrs")], received.mgrs],
+      ["degrees", [t("Decimal")], received.decimal],
+      ["dms", [t("Degrees")], received.dms],
+      ["utm", ["UTM", " ", term("utm")], received.utm],
+      ["mgrs", ["MGRS", " ", term("mgrs")], received.mgrs],
     ];
-    const rows = known.filter(([, text]) => text).flatMap(([name, text]) => row(name, text));
+    const first = (form) => Number(form !== positionForm());
+    const rows = known.filter(([, , text]) => text).sort(([a], [b]) => first(a) - first(b)).flatMap(([, name, text]) => row(name, text));
     byId("coordinates").replaceChildren(...(rows.length ? rows : pixels), ...poseRows(session));
   } catch (error) {
     if (error.name !== "AbortError") byId("coordinates").replaceChildren(...pixels, ...poseRows(session));
@@ -79,12 +82,7 @@ function poseRows({ spot, hypothesis }) {
 
 /** @param {Array<string|Node>} name @param {string} text */
 function row(name, text) {
-  const button = h(
-    "button",
-    { class: "lo-copy", type: "button", title: t("Copy"), "aria-label": t("Copy {text}", { text }), onclick: () => copy(text, t("Copied: {text}", { text })) },
-    h("span", {}, text), icon("copy"),
-  );
-  return [h("dt", {}, ...name), h("dd", {}, button)];
+  return [h("dt", {}, ...name), h("dd", {}, copyButton(h("span", {}, text), () => text))];
 }
 
 function actions(page) {

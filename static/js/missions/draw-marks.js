@@ -1,7 +1,8 @@
-/** Marks over tracks and objects: uncertainty of visual fixes, gap of closed tracks, positions of robots. */
+/** Marks over tracks and objects: uncertainty of visual fixes and last positions, gap of closed tracks, positions of robots. */
 
 import { t } from "../shared/i18n.js";
 import { sourceColour } from "./colour-scales.js";
+import { WITHIN_68 } from "./fixes.js";
 import { lengthText, percentText } from "./format.js";
 
 const ROBOT = 11;
@@ -24,6 +25,7 @@ export function drawMarks(pen, frame, { store, lines, hover }) {
   const labelled = new Map(moving.toReversed().map(({ mission, key }) => [mission.id, key]));
   for (const { mission, track, key } of moving.toReversed()) {
     const at = store.moment === null ? newest(frame, track, lines.best(key)) : lines.at(key, store.timeIn(mission));
+    if (at?.covariance) drawEllipse(pen, frame, at, sourceColour(track.source));
     if (at) drawRobot(pen, frame, at, { colour: sourceColour(track.source), label: several && labelled.get(mission.id) === key ? mission.name : "" });
     const pointed = hover === null ? null : lines.at(key, store.timeIn(mission, hover));
     if (pointed) drawPointed(pen, frame, pointed);
@@ -44,6 +46,11 @@ function drawFixes(pen, frame, fixes, time) {
 function circle(pen, { x, y }, { radius, colour }) {
   pen.beginPath();
   pen.arc(x, y, radius, 0, 2 * Math.PI);
+  shade(pen, colour);
+}
+
+/** Fill and stroke the path. */
+function shade(pen, colour) {
   pen.globalAlpha = 0.16;
   pen.fillStyle = colour;
   pen.fill();
@@ -107,7 +114,28 @@ function newest(frame, { last }, line) {
   const flat = frame.ground.flat(last.lat, last.lon);
   if (!flat) return null;
   const heading = last.heading_deg ?? (line?.length ? line.headingAt(line.length - 1) : NaN);
-  return { x: flat[0], y: flat[1], heading };
+  return { x: flat[0], y: flat[1], heading, covariance: last.covariance_m2 };
+}
+
+/**
+ * Axes of the ellipse with 68 % of a two-dimensional normal distribution.
+ * @param {number[]} covariance variance east, variance north, covariance of the two; square metres
+ * @returns {{long: number, short: number, turn: number}} half axes, metres; direction of the long one, degrees clockwise from north
+ */
+export function ellipseOf([east, north, both]) {
+  const [middle, half] = [(east + north) / 2, Math.hypot((east - north) / 2, both)];
+  const axis = (variance) => WITHIN_68 * Math.sqrt(Math.max(variance, 0));
+  return { long: axis(middle + half), short: axis(middle - half), turn: (Math.atan2(2 * both, north - east) * 90) / Math.PI };
+}
+
+/** The uncertainty of the last position; left out where the symbol of the robot hides it. */
+function drawEllipse(pen, frame, { x, y, covariance }, colour) {
+  const { long, short, turn } = ellipseOf(covariance);
+  const [a, b] = [long / frame.metresPerPixel, Math.max(short / frame.metresPerPixel, 1)];
+  if (!(a > ROBOT)) return;
+  pen.beginPath();
+  pen.ellipse(frame.x(x), frame.y(y), a, b, ((turn + frame.turn(x, y) - 90) * Math.PI) / 180, 0, 2 * Math.PI);
+  shade(pen, colour);
 }
 
 function drawRobot(pen, frame, { x, y, heading }, { colour, label }) {

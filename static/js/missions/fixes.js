@@ -5,8 +5,8 @@ import { toastError } from "../shared/toast.js";
 
 const MOST = 2000;
 const CALM_MS = 1500;
-/** Radius of the circle with 68 % of a two-dimensional normal distribution, in standard deviations. */
-const WITHIN_68 = 1.51;
+/** Radius of the circle, and scale of the ellipse, with 68 % of a two-dimensional normal distribution, in standard deviations. */
+export const WITHIN_68 = 1.51;
 
 /** Keep the fixes of the page's mission up to date. @param {import("./mission-store.js").MissionStore} store */
 export function showFixes(store) {

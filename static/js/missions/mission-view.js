@@ -2,7 +2,8 @@
 
 import { h, icon } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
-import { latLonText, roundLength } from "../shared/map/coords.js";
+import { roundLength } from "../shared/map/coords.js";
+import { placeText } from "../shared/map/positions.js";
 import { lengthText } from "./format.js";
 
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
@@ -98,7 +99,7 @@ export class MissionView extends EventTarget {
   /** Show the position under the cursor or crosshair. @param {?L.LatLng} latLng */
   showPosition(latLng) {
     const place = latLng && this.ground.latLonOf(latLng);
-    this._cursor.textContent = place ? latLonText(place) : "";
+    this._cursor.textContent = place ? placeText(place) : "";
   }
 
   _moved() {

@@ -2,7 +2,7 @@
 
 import { byId, h, icon } from "../shared/dom.js";
 import { t, tn } from "../shared/i18n.js";
-import { latLonText } from "../shared/map/coords.js";
+import { copyablePlace } from "../shared/map/positions.js";
 import { toastError } from "../shared/toast.js";
 import { clockText, lengthText } from "./format.js";
 import { stateBadge, stateButtons, stateName, stateText } from "./object-states.js";
@@ -55,7 +55,7 @@ function content(store, object, { sightings, note }) {
   const photo = object.photo || sightings?.findLast(({ photo: one }) => one)?.photo || null;
   const facts = [
     [t("Class"), object.kind],
-    [t("Position"), latLonText([object.lat, object.lon])],
+    [t("Position"), copyablePlace([object.lat, object.lon])],
     object.height_m !== null && object.height_m !== undefined && [t("Height"), lengthText(object.height_m)],
     object.confidence !== null && object.confidence !== undefined && [t("Confidence"), `${Math.round(object.confidence * 100)}\u00a0%`],
     object.size_m && [t("Size"), object.size_m.map(lengthText).join(" × ")],

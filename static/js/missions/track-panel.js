@@ -2,8 +2,10 @@
 
 import { byId, h, icon } from "../shared/dom.js";
 import { locale, t, tn } from "../shared/i18n.js";
+import { copyablePlace } from "../shared/map/positions.js";
 import { rafThrottle } from "../shared/timing.js";
 import { nthColour, sourceColour } from "./colour-scales.js";
+import { ellipseOf } from "./draw-marks.js";
 import { clockText, lengthText, percentText, SHORTEST_S, spanText, speedText, trackName } from "./format.js";
 
 /**
@@ -56,7 +58,9 @@ function row(store, page, { mission, track, key }) {
 function numbers(store, box) {
   for (const { track, key } of store.tracks) {
     const part = box.querySelector(`[data-key="${CSS.escape(key)}"] [data-part="facts"]`);
+    const focused = part?.contains(document.activeElement);
     part?.replaceChildren(...facts(track));
+    if (focused) part.querySelector("button")?.focus();
   }
 }
 
@@ -75,8 +79,16 @@ function facts(track) {
   }
   if (track.first_time_s !== null && track.first_time_s !== undefined) rows.push([t("Begin"), clockText(track.first_time_s)]);
   if (!track.timed) rows.push([t("Times"), t("unknown: only the order of the points is known")]);
+  if (track.last) rows.push([t("Last position"), copyablePlace([track.last.lat, track.last.lon])]);
+  if (track.last?.covariance_m2) rows.push([t("Accuracy"), withinText(track.last.covariance_m2)]);
   if (closing) rows.push([t("End to start"), t("{gap}, {share} of the distance", { gap: lengthText(closing.gap_m), share: percentText(closing.share) })]);
   return rows.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]);
+}
+
+/** Half axes of the ellipse on the map. @param {number[]} covariance */
+function withinText(covariance) {
+  const axes = new Set(Object.values(ellipseOf(covariance)).slice(0, 2).map(lengthText));
+  return `± ${[...axes].join(" × ")} (68\u00a0%)`;
 }
 
 function swatch(colour) {

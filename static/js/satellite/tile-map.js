@@ -1,7 +1,7 @@
 /** Slippy maps of the configured tile services, which are not contacted before one is shown. */
 
 import { t } from "../shared/i18n.js";
-import { parseLatLon } from "../shared/map/coords.js";
+import { parsePosition } from "../shared/map/grids.js";
 import { addZoomButtons } from "../shared/map/zoom-buttons.js";
 import { toast } from "../shared/toast.js";
 import { page } from "./page.js";
@@ -54,11 +54,11 @@ export function slippyMap(element, select, { load = null } = {}) {
  */
 export function goTo(input, map, search = null) {
   const go = ({ asked }) => {
-    const place = parseLatLon(input.value);
+    const place = onTiles(parsePosition(input.value));
     const text = input.value.trim();
     if (place) map()?.setView(place, Math.max(map().getZoom(), 16));
     else if (text && search) asked && search(text);
-    else if (text) toast(t("Enter it as 50.0875, 14.4213"), { kind: "error" });
+    else if (text) toast(t("Enter it as 50.0875, 14.4213, or in UTM or MGRS"), { kind: "error" });
   };
   input.addEventListener("change", () => go({ asked: false }));
   input.addEventListener("keydown", (event) => {
@@ -67,6 +67,11 @@ export function goTo(input, map, search = null) {
     go({ asked: true });
   });
   return () => go({ asked: true });
+}
+
+/** A position that web maps have: they end near the poles. @param {?[number, number]} place */
+function onTiles(place) {
+  return place && Math.abs(place[0]) <= 85 ? place : null;
 }
 
 /**

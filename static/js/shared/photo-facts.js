@@ -3,7 +3,7 @@
 import { h } from "./dom.js";
 import { clockText, headingText } from "./format.js";
 import { t } from "./i18n.js";
-import { latLonText } from "./map/coords.js";
+import { copyablePlace } from "./map/positions.js";
 import { creditLine } from "./photo-credit.js";
 import { WRITTEN } from "./written-facts.js";
 
@@ -19,7 +19,7 @@ export function photoFacts(store, photo) {
   const heading = store.heading(photo.id);
   return [
     [t("Placed at"), `x ${Math.round(place[0])}, y ${Math.round(place[1])}`],
-    latLon && [t("Coordinates"), latLonText(latLon)],
+    latLon && [t("Coordinates"), copyablePlace(latLon)],
     heading !== null && [t("Heading"), headingText(heading)],
     photo.taken_at && [t("Taken"), clockText(photo.taken_at)],
     photo.camera && [t("Camera"), photo.camera],

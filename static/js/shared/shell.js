@@ -1,14 +1,19 @@
-/** Parts of every page: menus, the theme switch, the offline notice. */
+/** Parts of every page: menus, the switches of theme and positions, the offline notice. */
 
 import { closeMenus, h, metaOf } from "./dom.js";
 import { t } from "./i18n.js";
 import { connectJobs } from "./jobs-menu.js";
+import { connectPositions } from "./map/positions.js";
 import { connectSharing } from "./share-map.js";
 import { connectTerms } from "./term.js";
 import { connectTheme } from "./theme.js";
 
+/** Room for the mark that there are more tabs, as in the style sheet. */
+const MORE_PX = 28;
+
 closeMenus(document);
 connectTheme(document.body);
+connectPositions();
 connectCopyButtons();
 connectSharing();
 connectTabs();
@@ -46,11 +51,21 @@ async function workOffline() {
   active.postMessage({ account, page: location.pathname });
 }
 
-/** If not all tabs fit, scroll to the current one, and show by a fading edge that there are more. */
+/** If not all tabs fit, scroll to the current one, mark where there are more, and hide those that would be cut off. */
 function connectTabs() {
   const tabs = document.querySelector(".tabs");
   if (!tabs) return;
-  const mark = () => tabs.toggleAttribute("data-more", tabs.scrollLeft + tabs.clientWidth < tabs.scrollWidth - 1);
+  const mark = () => {
+    const [before, after] = [tabs.scrollLeft > 1, tabs.scrollLeft + tabs.clientWidth < tabs.scrollWidth - 1];
+    const room = tabs.getBoundingClientRect();
+    tabs.toggleAttribute("data-before", before);
+    tabs.toggleAttribute("data-more", after);
+    for (const tab of tabs.children) {
+      const { left, right } = tab.getBoundingClientRect();
+      tab.toggleAttribute("data-cut", (before && left < room.left + MORE_PX) || (after && right > room.right - MORE_PX));
+    }
+  };
+  mark(); // first, as tabs are wider where they do not fit
   tabs.querySelector("[aria-current=page]")?.scrollIntoView({ block: "nearest", inline: "nearest" });
   tabs.addEventListener("scroll", mark, { passive: true });
   new ResizeObserver(mark).observe(tabs);

@@ -13,6 +13,7 @@ from webapp.errors import Cancelled, StorageError
 from webapp.files.localize.features import read_segment
 from webapp.files.localize.index_store import IndexFolder
 from webapp.files.lock import writer_lock
+from webapp.jobs.context import JobProgress
 from webapp.progress import Progress
 from webapp.tasks.localize import segments
 
@@ -49,9 +50,11 @@ def test_a_cancelled_build_keeps_what_was_finished(tmp_path, make_map, build, jo
     (spool,) = tmp_path.glob("derived/map/*/spool")
     kept = len([p for p in spool.iterdir() if p.suffix == ".features"])
     assert 5 <= kept < 24
-    report = build(cfg)
+    rest = JobProgress()
+    report = build(cfg, progress=rest)
     assert report.extracted == 24 - kept
     assert report.reused == kept
+    assert rest.state()[:2] == (24 - kept, 24 - kept)  # its pace is that of the photos that are left
     assert lasting(report.folder) == lasting(whole.folder)
 
 

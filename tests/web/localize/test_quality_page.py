@@ -50,6 +50,7 @@ def test_the_figures_and_the_charts_are_shown(client, evaluated):
     assert text.count('<svg class="chart"') == 4
     assert "12 px" in text and "25%" in text and "12% – 75%" in text
     assert "1 photos: 75% stated, 100% correct" in text
+    assert "Likely range" in text and "with 19 in 20 chances within the likely range" in text
     assert 'id="evaluate"' in text
     assert "The map has changed since" not in text
 
@@ -70,6 +71,7 @@ def test_a_sure_answer_elsewhere_says_what_to_check(client, library, evaluated):
         form["per_query"] = [{**FOUND, "error_px": 400.0}]
     path.write_text(json.dumps(forms))
     text = client.get(f"/maps/{evaluated}/quality").text
+    assert "400 px off, though the answer gave its place 75%" in text
     assert "Check its place; other places look similar." in text and "Add a photo here." not in text
 
 

@@ -47,6 +47,11 @@ class LastOut(Schema):
     lat = Float()
     lon = Float()
     heading_deg = Float(allow_none=True)
+    covariance_m2 = List(
+        Float(),
+        allow_none=True,
+        metadata={"description": "Variance east, variance north, covariance of the two; null: unknown."},
+    )
 
 
 class ClosingOut(Schema):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left, bisect_right
 from datetime import datetime
 from typing import Any
@@ -95,11 +96,13 @@ def last_json(poses: Poses) -> dict[str, Any]:
     """Return the last of some poses as JSON."""
     lat, lon = poses.latlon[-1].tolist()
     heading = float(poses.heading_deg[-1])
+    covariance = poses.covariance_m2[-1].tolist()
     return {
         "time_s": float(poses.times_s[-1]),
         "lat": lat,
         "lon": lon,
         "heading_deg": None if heading != heading else heading,
+        "covariance_m2": covariance if all(map(math.isfinite, covariance)) else None,
     }
 
 

@@ -170,11 +170,13 @@ def search_photos(
     searched = 0
     for one in photos:
         progress.check()
+        was_known = False
         try:
             with show_file_as(one.photo):
                 file = photo_path(cfg, one.photo)
                 sha256 = _sha256(file)
-                if sha256 not in known:
+                was_known = sha256 in known
+                if not was_known:
                     known[sha256] = _search(
                         file, sha256, networks=networks, kept=kept, limits=limits, check=progress.check
                     )
@@ -187,7 +189,10 @@ def search_photos(
                 suggested.append(SuggestedBoxes(one.id, one.photo, tuple(boxes), left))
             if left:
                 failed.append(UnsearchedPhoto(one.id, one.photo, not_all(left)))
-        progress.advance()
+        if was_known:
+            progress.skip()
+        else:
+            progress.advance()
     return BlurReport(tuple(suggested), tuple(failed), searched)
 
 

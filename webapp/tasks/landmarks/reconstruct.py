@@ -176,7 +176,7 @@ def _describe(
     progress.size(len(photos))
     there = {n: _described(cfg, one, index) for n, one in enumerate(photos)}
     entries = {n: entry for n, entry in there.items() if entry is not None}
-    progress.advance(len(entries))
+    progress.skip(len(entries))
     nowhere = MapPixel(0.0, 0.0)
     new = [
         Experience(n, one.photo, nowhere, view=one.view, blurred=one.blurred)

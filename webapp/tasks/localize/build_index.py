@@ -133,7 +133,10 @@ def _photos(
             name_of[done.id], done.bytes, done.mtime_ns, done.content, done.error
         )
         extracted += done.extracted
-        progress.advance()
+        if done.extracted or done.error:
+            progress.advance()
+        else:
+            progress.skip()
     return {e.id: described.get(e.id) or old.photos[e.id] for e in pictures}, extracted
 
 

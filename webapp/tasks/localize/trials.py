@@ -224,12 +224,13 @@ def try_photos(
         progress.check()
         if number in known:
             record = known[number]
+            progress.skip()
         else:
             record = next(new)
             keep(number, record)
+            progress.advance()
         if record is not None:
             trials[number] = Trial.from_record(record)
-        progress.advance()
     return trials
 
 

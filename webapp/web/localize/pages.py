@@ -214,7 +214,11 @@ def _miss_words(miss: Miss, metres: float | None) -> str:
     if miss.probability is None:
         return str(_("%(distance)s off", distance=off))
     return str(
-        _("%(distance)s off, %(percent)s sure", distance=off, percent=format_percent(miss.probability))
+        _(
+            "%(distance)s off, though the answer gave its place %(percent)s",
+            distance=off,
+            percent=format_percent(miss.probability),
+        )
     )
 
 

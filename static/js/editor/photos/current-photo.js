@@ -3,7 +3,7 @@
 import { byId, h, icon } from "../../shared/dom.js";
 import { accuracyText, clockText, offText } from "../../shared/format.js";
 import { t } from "../../shared/i18n.js";
-import { latLonText } from "../../shared/map/coords.js";
+import { onPositionForm, placeText } from "../../shared/map/positions.js";
 import { creditLine } from "../../shared/photo-credit.js";
 import { PanoramaView } from "../../shared/panorama-view.js";
 import { PhotoZoom } from "../../shared/photo-zoom.js";
@@ -40,6 +40,7 @@ export class CurrentPhoto {
       this.render();
     });
     this.store.on("photos placement satellite tool preview", () => this.render());
+    onPositionForm(() => this.render());
     this.render();
   }
 
@@ -150,7 +151,7 @@ export class CurrentPhoto {
     const { satellite } = this.store;
     const known = satellite && Number.isFinite(gps.x_px);
     const outside = known && (gps.x_px < 0 || gps.y_px < 0 || gps.x_px > satellite.width || gps.y_px > satellite.height);
-    return latLonText([gps.lat, gps.lon]) + accuracy + (outside ? ` (${t("outside the image")})` : "");
+    return placeText([gps.lat, gps.lon]) + accuracy + (outside ? ` (${t("outside the image")})` : "");
   }
 
   _buttons(photo, position) {

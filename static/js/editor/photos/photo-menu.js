@@ -4,6 +4,7 @@ import { copy } from "../../shared/clipboard.js";
 import { openContextMenu } from "../../shared/context-menu.js";
 import { t, tn } from "../../shared/i18n.js";
 import { isInside } from "../../shared/map/coords.js";
+import { placeToCopy } from "../../shared/map/positions.js";
 import { floorDialog } from "../floors/floor-dialog.js";
 import { headingDialog } from "./heading-dialog.js";
 import { openViewer } from "./photo-viewer.js";
@@ -78,7 +79,7 @@ export class PhotoMenu {
   _placeItems(pixel) {
     const latLon = this.store.georeference.latLon(pixel);
     const [lat, lon] = latLon?.map((value) => value.toFixed(7)) ?? [];
-    const text = latLon ? `${lat}, ${lon}` : pixel.map(Math.round).join(", ");
+    const text = latLon ? placeToCopy(latLon) : pixel.map(Math.round).join(", ");
     return [
       { icon: "copy", label: `${t("Copy the coordinates")} ${text}`, run: () => copy(text, t("Copied: {text}", { text })) },
       latLon && { icon: "map", label: t("Open in OpenStreetMap"), href: `https://www.openstreetmap.org/?mlat=${lat}&mlon=${lon}#map=19/${lat}/${lon}` },

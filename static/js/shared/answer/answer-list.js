@@ -17,11 +17,13 @@ const STRONG_INLIERS = 30;
 export function answerList(session, look) {
   const list = byId("hypotheses");
   const verdict = h("p", { class: "lo-verdict", id: "verdict" });
-  list.before(verdict);
+  const shares = h("p", { class: "lo-shares small soft", id: "shares" });
+  list.before(verdict, shares);
   session.on("answer", () => {
     const { answer } = session;
     byId("answer").hidden = !answer;
     verdict.textContent = answer ? verdictText(answer) : "";
+    shares.textContent = answer ? sharesText(answer) : "";
     list.replaceChildren(...(answer ? entries(answer, (rank) => (session.choose(rank), look())) : []));
     mark(list, session);
   });
@@ -33,6 +35,12 @@ export function answerList(session, look) {
     buttons[buttons.findIndex((button) => button === document.activeElement) + by]?.focus();
     event.preventDefault();
   });
+}
+
+/** What the numbers of the list are of. */
+function sharesText({ method, verdict, hypotheses }) {
+  if (verdict === "nothing_to_see" || !hypotheses.length) return "";
+  return method === "vote" ? t("Share of the matches") : t("Probability that it was taken there");
 }
 
 function mark(list, session) {

@@ -133,13 +133,6 @@ export function latLonText([lat, lon]) {
   return `${Math.abs(lat).toFixed(6)}° ${north}, ${Math.abs(lon).toFixed(6)}° ${east}`;
 }
 
-/** Parse a latitude and longitude such as `50.08, 14.42`; null if it is none. @returns {?[number, number]} */
-export function parseLatLon(text) {
-  const numbers = text.match(/-?\d+(?:\.\d+)?/g)?.map(Number) || [];
-  const [lat, lon] = numbers;
-  return numbers.length === 2 && Math.abs(lat) <= 85 && Math.abs(lon) <= 180 ? [lat, lon] : null;
-}
-
 /** The largest 1, 2 or 5 times a power of ten that is not above a length. */
 export function roundLength(length) {
   const power = 10 ** Math.floor(Math.log10(length));

@@ -4,7 +4,8 @@ import { h, preventTextDrag } from "../dom.js";
 import { locale, t } from "../i18n.js";
 import { mapCredit } from "../photo-credit.js";
 import { rafThrottle } from "../timing.js";
-import { imageBounds, isInside, latLngOf, latLonText, pixelOf, roundLength } from "./coords.js";
+import { imageBounds, isInside, latLngOf, pixelOf, roundLength } from "./coords.js";
+import { placeText } from "./positions.js";
 import { TileBackground } from "./tile-background.js";
 import { turnOf } from "./turned-crs.js";
 import { pictureLayer, satelliteLayer } from "./turned-layers.js";
@@ -224,7 +225,7 @@ export class MapView {
   positionText(pixel) {
     const place = `x ${Math.round(pixel[0])}, y ${Math.round(pixel[1])}`;
     const latLon = this.store.georeference.latLon(pixel);
-    return latLon ? `${place}  ·  ${latLonText(latLon)}` : place;
+    return latLon ? `${place}  ·  ${placeText(latLon)}` : place;
   }
 
   _scale() {

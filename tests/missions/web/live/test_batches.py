@@ -30,8 +30,20 @@ def test_poses_are_stored(send, walk, state):
     assert track["distance_m"] == pytest.approx(10, rel=1e-4)
     assert track["duration_s"] == 10
     assert track["bounds"] == pytest.approx([50, 14, 50 + 10 / 111_229, 14])
-    assert track["last"] == {"time_s": 1010, "lat": 50 + 10 / 111_229, "lon": 14, "heading_deg": 10}
+    assert track["last"] == {
+        "time_s": 1010,
+        "lat": 50 + 10 / 111_229,
+        "lon": 14,
+        "heading_deg": 10,
+        "covariance_m2": None,
+    }
     assert track["closing"] is None
+
+
+def test_the_last_pose_has_its_covariance(send, walk, state):
+    *rest, last = walk(5)
+    send([*rest, {**last, "covariance": [4.0, 9.0, -1.5]}])
+    assert state()["tracks"][0]["last"]["covariance_m2"] == pytest.approx([4.0, 9.0, -1.5])
 
 
 def test_what_came_before_is_passed_over(send, walk, state, library):
