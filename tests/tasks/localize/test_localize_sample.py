@@ -93,8 +93,9 @@ def test_a_photo_of_the_size_of_the_maps_photos_is_a_whole_one(localizer, tmp_pa
 @pytest.mark.parametrize(
     "change",
     [middle, lambda photo: cv2.resize(middle(photo), None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)],
+    ids=["crop", "zoom"],
 )
-def test_crops_are_not_surely_wrong(localizer, tmp_path, change):
+def test_crops_are_seldom_surely_wrong(localizer, tmp_path, change):
     plain, radius = without_crops(localizer), localizer.place_radius_px
     wrong = {"with": 0, "without": 0}
     for path, truth in bare_photos(localizer, tmp_path, change):
@@ -102,7 +103,8 @@ def test_crops_are_not_surely_wrong(localizer, tmp_path, change):
             first = each.localize(path, top=5).hypotheses[0]
             error = math.dist(first.position, truth)
             wrong[name] += first.probability >= 0.5 and error > radius
-    assert wrong["with"] <= 1 and wrong["with"] < wrong["without"]
+    assert wrong["without"] >= 4
+    assert 2 * wrong["with"] <= wrong["without"]
 
 
 def test_a_stated_field_of_view_is_the_only_one(localizer, tmp_path):
