@@ -1,4 +1,4 @@
-"""Measures answers to altered queries: bars as in screenshots, crops, wrong EXIF, dim, blurred, rotated.
+"""Measures answers to altered queries: bars of screenshots, crops, zoom, wrong EXIF, dim, blurred, rotated.
 
 An answer is honest if its first place is within the place radius, if its 95 % circle (twice the stated 68 %
 radius) contains the truth, or if its probability is below one half. The share of honest answers should be
@@ -7,7 +7,7 @@ above 0.95 for each alteration. Altered photos have no EXIF, but for those with 
 lengths are wrong; without it, it is guessed for all.
 
     python -m benchmarks.altered_queries MAP.cfg QUERIES.csv [--limit N] [--index FOLDER] [--fov DEGREES]
-        [--method NAME] [--json OUT]
+        [--method NAME] [--only WORD] [--json OUT]
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from benchmarks.worse_photos import NOISE, Photo, dimmed, rotated
 from webapp.configuration import load_settings
 from webapp.core.hypotheses.model import Answer
 from webapp.core.hypotheses.verdict import verdict_of
-from webapp.core.retrieval.fields_of_view import guessed_fov_deg
+from webapp.core.retrieval.fields_of_view import cropped_fov_deg, guessed_fov_deg
 from webapp.files.localize import queries_csv
 from webapp.progress import Progress
 from webapp.tasks.localize.open_pipeline import open_pipeline
@@ -81,11 +81,19 @@ def cropped(photo: Photo, share: float) -> Photo:
     return np.ascontiguousarray(photo[y : height - y, x : width - x])
 
 
+def zoomed(photo: Photo, factor: float) -> Photo:
+    """Enlarge the middle of the photo to its full size."""
+    height, width = photo.shape[:2]
+    middle = cropped(photo, 1.0 / factor)
+    return np.asarray(cv2.resize(middle, (width, height), interpolation=cv2.INTER_CUBIC), np.uint8)
+
+
 ALTERATIONS: Mapping[str, Alteration] = {
     "as they are": Alteration(lambda photo: photo),
     "bars of a screenshot": Alteration(with_bars),
     "cropped to 70 %": Alteration(lambda photo: cropped(photo, 0.7), seen=0.7),
     "cropped to 50 %": Alteration(lambda photo: cropped(photo, 0.5), seen=0.5),
+    "digital zoom by 2": Alteration(lambda photo: zoomed(photo, 2.0), seen=0.5),
     "EXIF of half the focal length": Alteration(lambda photo: photo, focal=0.5),
     "EXIF of twice the focal length": Alteration(lambda photo: photo, focal=2.0),
     "a twentieth of the light": Alteration(lambda photo: dimmed(photo, 0.05, NOISE)),
@@ -112,9 +120,11 @@ def main() -> None:
     queries = queries_csv.select(queries_csv.read(arguments.queries), arguments.limit)
     rows = []
     for name, alteration in ALTERATIONS.items():
+        if arguments.only not in name:
+            continue
         given: list[float | None] = [None]
         if arguments.fov is not None and alteration.focal is None:
-            given.append(_seen(arguments.fov, alteration.seen))
+            given.append(cropped_fov_deg(arguments.fov, alteration.seen))
         for fov_deg in given:
             found = _measured(pipeline, queries, alteration, fov_deg=fov_deg, true_fov_deg=arguments.fov)
             rows.append({"name": name + ("" if fov_deg is None else ", field of view given"), **found})
@@ -132,13 +142,9 @@ def _arguments() -> argparse.Namespace:
     add("--index", type=Path, help="folder for the indexes, to be used again")
     add("--fov", type=float, help="horizontal field of view of the queries, degrees")
     add("--method", default="auto")
+    add("--only", default="", help="a part of the names of the alterations to measure")
     add("--json", type=Path, help="write all figures there")
     return parser.parse_args()
-
-
-def _seen(fov_deg: float, share: float) -> float:
-    """Return the field of view of the middle of a photo."""
-    return math.degrees(2.0 * math.atan(share * math.tan(math.radians(fov_deg) / 2.0)))
 
 
 def _focal_px(photo: Photo, fov_deg: float | None) -> float:

@@ -5,6 +5,7 @@ import pytest
 
 from benchmarks import altered_queries
 from webapp.core.features.bars import Inside, inside_bars
+from webapp.core.retrieval.fields_of_view import cropped_fov_deg
 from webapp.files.photos.photo import read_facts
 from webapp.settings import PhotoLimits
 
@@ -25,7 +26,8 @@ def test_bars_are_those_that_are_cut_off_again(photo):
 def test_crops_keep_the_middle_and_the_focal_length(photo):
     half = altered_queries.cropped(photo, 0.5)
     assert (half == photo[22:68, 40:120]).all()
-    assert altered_queries._seen(90.0, 0.5) == pytest.approx(53.13, abs=0.01)
+    assert cropped_fov_deg(90.0, 0.5) == pytest.approx(53.13, abs=0.01)
+    assert altered_queries.zoomed(photo, 2.0).shape == photo.shape
 
 
 def test_exif_states_the_focal_length_that_is_asked_for(photo, tmp_path):

@@ -148,6 +148,24 @@ class PlacesTuning:
 
 
 @dataclass(frozen=True, slots=True)
+class CropsTuning:
+    """Queries of unknown field of view that may be crops."""
+
+    shares: tuple[float, ...] = (0.7, 0.5)
+    """Shares of the width of a whole photo that a crop may show."""
+
+    prior: float = 0.2
+    """Prior probability of each of them."""
+
+    power: float = 2.0
+    """Power of the odds by which fields of view are weighted. Odds are calibrated for places, which share
+    their votes whatever the field of view; of that the geometry says more."""
+
+    min_odds: float = 100.0
+    """Minimum of the largest odds: smaller ones differ by chance, and the photo is taken for a whole one."""
+
+
+@dataclass(frozen=True, slots=True)
 class ExtrinsicsTuning:
     """Rotations and heights of the map's photos, and depths of their keypoints."""
 
@@ -192,6 +210,7 @@ class Tuning:
     retrieval: RetrievalTuning = field(default_factory=RetrievalTuning)
     pose: PoseTuning = field(default_factory=PoseTuning)
     places: PlacesTuning = field(default_factory=PlacesTuning)
+    crops: CropsTuning = field(default_factory=CropsTuning)
     extrinsics: ExtrinsicsTuning = field(default_factory=ExtrinsicsTuning)
 
 

@@ -13,6 +13,7 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.localize import verified
 from webapp.core.retrieval.indexed import candidates
 from webapp.core.retrieval.retrieve import filter_by_rotation, shortlist, weighted_votes
+from webapp.core.tuning import CropsTuning
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.evaluation.measure import with_hidden_photos
@@ -56,6 +57,63 @@ def test_queries_are_found_where_they_were_taken(localizer):
     assert np.mean([a.hypotheses[0].probability for a in found]) > 0.6
     assert all(a.fov is not None and a.fov.source == "exif" for a in first)
     assert any(a.hypotheses[0].kind == "position" for a in first)
+
+
+def bare_photos(localizer, tmp_path, change):
+    """Yield changed queries without EXIF, and where they were taken."""
+    for number, (path, truth) in enumerate(queries(localizer)):
+        bare = tmp_path / f"{number}.jpg"
+        cv2.imwrite(str(bare), change(cv2.imread(str(path))), [cv2.IMWRITE_JPEG_QUALITY, 95])
+        yield bare, truth
+
+
+def without_crops(localizer):
+    """Return the localizer taking each photo for a whole one."""
+    (look,) = localizer.looks
+    tuning = replace(look.opened.indexed.tuning, crops=CropsTuning(shares=()))
+    indexed = replace(look.opened.indexed, tuning=tuning)
+    return replace(localizer, looks=(replace(look, opened=replace(look.opened, indexed=indexed)),))
+
+
+def middle(photo):
+    height, width = photo.shape[:2]
+    return np.ascontiguousarray(photo[height // 4 : -height // 4, width // 4 : -width // 4])
+
+
+@pytest.mark.parametrize("how", [np.copy, np.rot90])
+def test_a_photo_of_the_size_of_the_maps_photos_is_a_whole_one(localizer, tmp_path, how):
+    plain = without_crops(localizer)
+    for path, _ in [*bare_photos(localizer, tmp_path, how)][:3]:
+        ours, theirs = (each.localize(path, top=5) for each in (localizer, plain))
+        assert ours.fov is not None and ours.fov.source == "guess"
+        assert ours.hypotheses == theirs.hypotheses
+        assert ours.off_map_probability == theirs.off_map_probability
+
+
+@pytest.mark.parametrize(
+    "change",
+    [middle, lambda photo: cv2.resize(middle(photo), None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)],
+    ids=["crop", "zoom"],
+)
+def test_crops_are_seldom_surely_wrong(localizer, tmp_path, change):
+    plain, radius = without_crops(localizer), localizer.place_radius_px
+    wrong = {"with": 0, "without": 0}
+    for path, truth in bare_photos(localizer, tmp_path, change):
+        for name, each in (("with", localizer), ("without", plain)):
+            first = each.localize(path, top=5).hypotheses[0]
+            error = math.dist(first.position, truth)
+            wrong[name] += first.probability >= 0.5 and error > radius
+    assert wrong["without"] >= 4
+    assert 2 * wrong["with"] <= wrong["without"]
+
+
+def test_a_stated_field_of_view_is_the_only_one(localizer, tmp_path):
+    path, _ = next(bare_photos(localizer, tmp_path, middle))
+    answers = [
+        replace(each, fov_deg=33.0).localize(path, top=5) for each in (localizer, without_crops(localizer))
+    ]
+    assert answers[0].hypotheses == answers[1].hypotheses
+    assert answers[0].fov == answers[1].fov
 
 
 def test_no_answer_is_more_exact_than_the_gps_of_the_photos(localizer):

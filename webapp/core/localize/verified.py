@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -107,46 +107,96 @@ def find_places(
         depths: Depths without observations from hidden photos. By default those of the map, and none if
             photos are hidden.
     """
-    clock = [time.perf_counter()]
+    fovs = (fov_deg,)
+    return find_places_by_fov(indexed, query, fov_deg=fovs, hide=hide, include=include, depths=depths)[0]
+
+
+def find_places_by_fov(
+    indexed: IndexedMap,
+    query: Features,
+    *,
+    fov_deg: Sequence[float],
+    hide: Collection[int] = (),
+    include: Collection[int] = (),
+    depths: KeypointDepths | DepthsExcluding | None = None,
+) -> list[PlaceSearch]:
+    """Find the places once for each field of view, with the same matches; otherwise as `find_places`.
+
+    The seconds of the first search include those of the retrieval.
+    """
+    started = time.perf_counter()
     retrieved = retrieve(indexed, query, hide=hide)
-    nearest, found, alike = retrieved.nearest, retrieved.found, retrieved.alike
+    nearest, found = retrieved.nearest, retrieved.found
     listed, further = retrieved.listed, retrieved.further
     include = frozenset(include).difference(hide)
     if include and not np.isin(indexed.ids[[s.photo for s in listed]], [*include]).any():
         # put them first, so that a network that matches only the first few matches these
         listed = [*_shortlist_among(indexed, query, votes=retrieved.votes, include=include), *listed]
         further = [f for f in further if f.photo not in {s.photo for s in listed}]
-    clock.append(time.perf_counter())
-    camera = Camera(*query.photo_size, fov_deg)
+    seconds = {"retrieve": time.perf_counter() - started}
     turn_deg = mean_turn_deg(indexed, query, found=found)
-    upright = _roll_correction(turn_deg)
     if depths is None:
         depths = empty_depths() if hide or indexed.extrinsics is None else indexed.extrinsics.depths
-    verify = partial(_verify, indexed, camera=camera, upright=upright, depths=depths)
-    checked = _verify_all(indexed, query, listed=listed, verify=verify)
-    clock.append(time.perf_counter())
+    first = nearest.distance[:, 0][nearest.photo[:, 0] >= 0]
+    left = int((found.photo[:, 0] >= 0).sum())
+    nowhere = Answer(
+        hypotheses=(),
+        off_map_probability=1.0,
+        other_probability=0.0,
+        no_pose=NoPose("no keypoints" if not len(query) else "no match with any photo of the map"),
+        statistics=match_statistics(len(query), first, left=left),
+        quarter_turns=quarter_turns(indexed, query, nearest=nearest, turn_deg=turn_deg),
+    )
     unverified = [VerifiedPhoto.by_votes(f) for f in further]
+    verify = partial(_verify, indexed, upright=_roll_correction(turn_deg), depths=depths)
+    searches: list[PlaceSearch] = []
+    checked: list[VerifiedPhoto] = []  # with the first field of view
+    for degrees in fov_deg:
+        before = time.perf_counter()
+        with_camera = partial(verify, camera=Camera(*query.photo_size, degrees))
+        if not searches:
+            checked = seen = _verify_all(indexed, query, listed=listed, verify=with_camera)
+        else:
+            seen = _verify_again(indexed, checked, verify=with_camera)
+        seconds = {**seconds, "verify": time.perf_counter() - before}
+        search = _places_of(indexed, seen, unverified=unverified, alike=retrieved.alike, nowhere=nowhere)
+        position = time.perf_counter() - before - seconds["verify"]
+        answer = replace(search.answer, seconds={**seconds, "position": position})
+        searches.append(replace(search, answer=answer))
+        seconds = {"retrieve": 0.0}
+    return searches
+
+
+def _verify_again(
+    indexed: IndexedMap,
+    checked: list[VerifiedPhoto],
+    *,
+    verify: Callable[[ShortlistedPhoto], VerifiedPhoto],
+) -> list[VerifiedPhoto]:
+    """Verify photos with another camera of the query, if they are trusted at all with the first one."""
+    again = [n for n, v in enumerate(checked) if v.weight >= indexed.tuning.places.min_weight]
+    renewed = dict(zip(again, in_threads(verify, [checked[n].matched for n in again]), strict=True))
+    return [renewed.get(n, v) for n, v in enumerate(checked)]
+
+
+def _places_of(
+    indexed: IndexedMap,
+    checked: list[VerifiedPhoto],
+    *,
+    unverified: list[VerifiedPhoto],
+    alike: NDArray[np.float64] | None,
+    nowhere: Answer,
+) -> PlaceSearch:
+    """Estimate the places of verified photos, those with most evidence first.
+
+    Args:
+        nowhere: The answer if there is none.
+    """
     places = estimate_places(indexed, checked, further=unverified, alike=alike)
     evidence = _evidence_vectors(indexed, places, checked=[*checked, *unverified], alike=alike)
     order = np.argsort(-weigh(evidence, DEFAULT), kind="stable")
-    clock.append(time.perf_counter())
-    first = nearest.distance[:, 0][nearest.photo[:, 0] >= 0]
-    left = int((found.photo[:, 0] >= 0).sum())
-    reason = "no keypoints" if not len(query) else "no match with any photo of the map"
-    stages = ("retrieve", "verify", "position")
-    return PlaceSearch(
-        [places[n] for n in order],
-        evidence[order],
-        Answer(
-            hypotheses=(),
-            off_map_probability=1.0,
-            other_probability=0.0,
-            no_pose=None if places else NoPose(reason),
-            statistics=match_statistics(len(query), first, left=left),
-            seconds={s: b - a for s, a, b in zip(stages, clock, clock[1:], strict=False)},
-            quarter_turns=quarter_turns(indexed, query, nearest=nearest, turn_deg=turn_deg),
-        ),
-    )
+    answer = replace(nowhere, no_pose=None) if places else nowhere
+    return PlaceSearch([places[n] for n in order], evidence[order], answer)
 
 
 def _shortlist_among(

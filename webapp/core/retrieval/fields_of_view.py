@@ -42,3 +42,8 @@ def guessed_fov_deg(width: int, height: int) -> float:
     """Guess the horizontal field of view of a photo from its aspect ratio alone."""
     focal = max(width, height) / 2.0 / math.tan(math.radians(GUESSED_FOV_DEG) / 2.0)
     return math.degrees(2.0 * math.atan(width / 2.0 / focal))
+
+
+def cropped_fov_deg(fov_deg: float, share: float) -> float:
+    """Return the field of view of the middle of a photo that is this share of it."""
+    return math.degrees(2.0 * math.atan(share * math.tan(math.radians(fov_deg) / 2.0)))

@@ -127,6 +127,11 @@ class IndexedMap:
         width, height = place[0].photo_size[place[1]]
         return int(width), int(height)
 
+    def has_size(self, width: int, height: int) -> bool:
+        """Check whether a photo of the map has this size, upright or turned, pixels."""
+        sizes = [[width, height], [height, width]]
+        return any((s.photo_size == size).all(axis=1).any() for s in self.segments for size in sizes)
+
     def camera(self, photo: int) -> Camera:
         """Build the camera of a photo that has features."""
         return Camera(*self.photo_size(photo), float(self.fov_deg[photo]))

@@ -28,6 +28,7 @@ from typing import Protocol
 import numpy as np
 
 from webapp.core.features.blank import why_blank
+from webapp.core.features.detail import lacks_fine_detail
 from webapp.core.features.extract import extract
 from webapp.core.features.table import Method
 from webapp.core.features.types import Features
@@ -35,16 +36,18 @@ from webapp.core.geometry.estimate import NoPose
 from webapp.core.hypotheses import joint, looks
 from webapp.core.hypotheses.bayes import truncate
 from webapp.core.hypotheses.calibration import DEFAULT, Calibration
+from webapp.core.hypotheses.crops import average_answers
 from webapp.core.hypotheses.map_accuracy import limit_accuracy
 from webapp.core.hypotheses.model import Answer, AnswerSource, FieldOfView
 from webapp.core.hypotheses.places import MapKind
 from webapp.core.hypotheses.priors import apply_path_prior_to_answer, relative_to_north
 from webapp.core.localize import vote
 from webapp.core.localize.landmarks import find_by_landmarks
-from webapp.core.localize.verified import find_places, with_probabilities
+from webapp.core.localize.verified import PlaceSearch, find_places_by_fov, with_probabilities
 from webapp.core.localize.vote import match_statistics
 from webapp.core.mapmodel.model import Map
 from webapp.core.reconstruction.depths import DepthObservations, DepthsExcluding
+from webapp.core.retrieval.fields_of_view import cropped_fov_deg
 from webapp.files.contents import local
 from webapp.files.localize.calibration import StoredCalibration
 from webapp.files.localize.models import network
@@ -117,8 +120,7 @@ class Look:
         watch = _Stopwatch({"read": photo.seconds})
         with watch.stage("extract"):
             features = self.extract(photo)
-        opened, fov_deg = self.opened, photo.fov.degrees
-        indexed = opened.indexed
+        opened, indexed = self.opened, self.opened.indexed
         if blank := why_blank(photo.gray.pixels, features):
             return self._of_photo(_nothing_to_see(features, blank, fov=photo.fov), photo, watch)
         if opened.method == "vote":
@@ -126,16 +128,51 @@ class Look:
                 answer = vote.localize(indexed, features, top=_ALL, hide=hide)
             return self._of_photo(to_experiences(answer, opened), photo, watch)
         if opened.landmarks is not None:
-            found = find_by_landmarks(indexed, features, fov_deg=fov_deg, aligned=opened.landmarks, hide=hide)
+            fovs: tuple[float, ...] = (photo.fov.degrees,)
+            found = [
+                find_by_landmarks(indexed, features, fov_deg=fovs[0], aligned=opened.landmarks, hide=hide)
+            ]
         else:
-            depths = self._depths_without(hide) if hide else None
-            found = find_places(indexed, features, fov_deg=fov_deg, hide=hide, include=include, depths=depths)
-        calibration = self.calibration.calibration if self.calibration else DEFAULT
-        answer = with_probabilities(indexed, found, calibration=calibration, top=_ALL)
-        answer = replace(to_experiences(answer, opened), fov=photo.fov)
+            fovs, depths = self._fields_of_view(photo), self._depths_without(hide) if hide else None
+            found = find_places_by_fov(
+                indexed, features, fov_deg=fovs, hide=hide, include=include, depths=depths
+            )
+        answer = self._answer(found, [replace(photo.fov, degrees=degrees) for degrees in fovs])
         if self.around is not None:
+            fov_deg = photo.fov.degrees if answer.fov is None else answer.fov.degrees
             answer = self.around.refine(answer, opened, query=features, fov_deg=fov_deg, hide=hide)
         return self._of_photo(answer, photo, watch)
+
+    def _fields_of_view(self, photo: QueryPhoto) -> tuple[float, ...]:
+        """Return the horizontal fields of view that a photo may have: several only if it may be a crop.
+
+        A photo of the size of the map's photos, with or without its bars, is a whole one, unless it lacks
+        fine detail: digital zoom enlarges the middle of a photo to its full size.
+        """
+        whole, indexed = photo.fov.degrees, self.opened.indexed
+        if photo.fov.source != "guess":
+            return (whole,)
+        has_size = any(indexed.has_size(*size) for size in (photo.file_size, photo.gray.full_size))
+        if has_size and not lacks_fine_detail(photo.gray.pixels):
+            return (whole,)
+        return (whole, *(cropped_fov_deg(whole, share) for share in indexed.tuning.crops.shares))
+
+    def _answer(self, found: Sequence[PlaceSearch], fovs: Sequence[FieldOfView]) -> Answer:
+        """Add probabilities to the places found with each field of view, and average the answers."""
+        opened, indexed = self.opened, self.opened.indexed
+        calibration = self.calibration.calibration if self.calibration else DEFAULT
+        first, *further = (
+            replace(to_experiences(answer, opened), fov=fov)
+            for answer, fov in zip(
+                (with_probabilities(indexed, f, calibration=calibration, top=_ALL) for f in found),
+                fovs,
+                strict=True,
+            )
+        )
+        if not further:
+            return first
+        radius = indexed.place_radius_px
+        return average_answers((first, *further), tuning=indexed.tuning.crops, place_radius_px=radius)
 
     def _of_photo(self, answer: Answer, photo: QueryPhoto, watch: _Stopwatch) -> Answer:
         if photo.view is not None:

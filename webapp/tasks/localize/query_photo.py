@@ -17,7 +17,7 @@ from webapp.core.features.global_descriptor import GlobalDescriptor
 from webapp.core.geometry.equirectangular import ViewSize, cut_view, panorama_pixels, panorama_size, view_size
 from webapp.core.hypotheses.model import Answer, Evidence, FieldOfView, Hypothesis
 from webapp.core.mapmodel.panorama import FOCAL_35MM, VIEWS, experience_of
-from webapp.core.retrieval.fields_of_view import guessed_fov_deg
+from webapp.core.retrieval.fields_of_view import cropped_fov_deg, guessed_fov_deg
 from webapp.files.decode import contrast_note
 from webapp.files.photos.panorama import find_panorama
 from webapp.files.photos.photo import GrayPhoto, PhotoFacts, read_facts, read_gray, read_upright, scaled_gray
@@ -98,6 +98,7 @@ class QueryPhoto:
     # First pixel (x, y) of the photo in the upright file, whose uniform bars are cut off.
     origin: tuple[int, int] = (0, 0)
     note: str = ""  # How its file was read, if that is unusual
+    file_size: tuple[int, int] = (0, 0)  # Width and height of the upright file, with bars, pixels
 
     def turned(self, quarters: int) -> QueryPhoto:
         """Rotate it clockwise by quarter turns, for features that are not rotation-invariant."""
@@ -151,10 +152,12 @@ def read_query(
     if find_panorama(path, facts, limits=limits) is not None:
         return [*_views(path, settings=settings, describe=describe)]
     gray = read_gray(path, limits=limits, max_side=settings.extract.max_side_px)
+    size = gray.full_size
     # A camera that states its field of view makes no bars.
     inside = None if facts.fov_deg is not None else _inside_bars(gray)
     if inside is not None:
-        fov_deg = None if fov_deg is None else _of_part(fov_deg, gray.full_size[0], inside)
+        share = (inside.right - inside.left) / size[0]
+        fov_deg = None if fov_deg is None else cropped_fov_deg(fov_deg, share)
         full = read_gray(path, limits=limits).pixels[inside.top : inside.bottom, inside.left : inside.right]
         gray = scaled_gray(np.ascontiguousarray(full), settings.extract.max_side_px)
     vector = None
@@ -166,13 +169,8 @@ def read_query(
     fov = _field_of_view(facts, gray, given=fov_deg)
     origin = (0, 0) if inside is None else (inside.left, inside.top)
     note = contrast_note(path, limits=limits) or ""
-    return [QueryPhoto(gray, fov, vector, time.perf_counter() - started, origin=origin, note=note)]
-
-
-def _of_part(fov_deg: float, width: int, part: Inside) -> float:
-    """Convert the horizontal field of view of a file to that of the photo inside its bars."""
-    half = math.tan(math.radians(fov_deg) / 2.0) * (part.right - part.left) / width
-    return math.degrees(2.0 * math.atan(half))
+    seconds = time.perf_counter() - started
+    return [QueryPhoto(gray, fov, vector, seconds, origin=origin, note=note, file_size=size)]
 
 
 def _inside_bars(gray: GrayPhoto) -> Inside | None:
