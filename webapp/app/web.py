@@ -9,6 +9,7 @@ from webapp.app.registry import REGISTRY
 from webapp.missions.store import shares
 from webapp.missions.web import (
     api_batches,
+    api_drawings,
     api_events,
     api_exports,
     api_fixes,
@@ -56,6 +57,7 @@ from webapp.web.state import Parts
 
 BLUEPRINTS: tuple[Blueprint, ...] = (
     api_batches.blueprint,
+    api_drawings.blueprint,
     api_events.blueprint,
     api_exports.blueprint,
     api_fixes.blueprint,

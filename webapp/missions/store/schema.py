@@ -40,6 +40,8 @@ class Mission(Base):
     """When the robot ended the mission."""
     keep: Mapped[bool] = mapped_column(default=False)
     """True: its tracks are never thinned."""
+    drawings_revision: Mapped[int] = mapped_column(default=0)
+    """Revision in which its drawings last changed."""
 
 
 class Track(Base):
@@ -241,6 +243,36 @@ class ObjectChange(Base):
     by: Mapped[str]
     """Name of the account, which may have been deleted since."""
     note: Mapped[str] = mapped_column(default="")
+
+
+class Drawing(Base):
+    """An area to be searched, a line or a marker that a person drew on the map."""
+
+    __tablename__ = "drawing"
+    __table_args__ = IDS_USED_ONCE
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    mission_id: Mapped[int] = mapped_column(ForeignKey("mission.id", ondelete="CASCADE"), index=True)
+    kind: Mapped[str]
+    """`area`, `line` or `marker`."""
+    name: Mapped[str]
+    note: Mapped[str] = mapped_column(default="")
+    points: Mapped[bytes] = mapped_column(LargeBinary)
+    """float64 (n, 2), little-endian: lat, lon; an area is closed without repeating its first point."""
+    assigned: Mapped[str] = mapped_column(default="")
+    """Who is to search the area: a name, or that of a track."""
+    radius_m: Mapped[float | None]
+    """Distance at which somebody who passes has searched a spot of the area; None for other kinds."""
+    searched_by: Mapped[str | None]
+    searched_time_s: Mapped[float | None]
+    """Who has marked the area as searched, and when; None for one that is not."""
+    created_by: Mapped[str]
+    created_time_s: Mapped[float]
+    changed_by: Mapped[str]
+    changed_time_s: Mapped[float]
+    """Names of accounts, which may have been deleted since, and Unix seconds."""
+    revision: Mapped[int] = mapped_column(default=1)
+    """Counts the changes of this drawing."""
 
 
 class MissionSender(Base):

@@ -144,6 +144,7 @@ class MissionState(MissionSummary):
 
     note = String()
     start = Nested(StartOut, allow_none=True)
+    drawings_revision = Integer(metadata={"description": "Another number means that drawings changed."})
     tracks = List(Nested(TrackOut))
     satellite = Nested(MissionSatelliteOut, allow_none=True)
     cursor = String(metadata={"description": "For the events: the state of the mission that is known."})
