@@ -1382,6 +1382,25 @@ export interface components {
             /** @example Yard, first round */
             name: string;
         };
+        NewPhoneOut: {
+            created_at?: string;
+            /** @description Address for GPSLogger, Traccar Client and OsmAnd. */
+            gpslogger?: string;
+            /** @description When it last sent something. */
+            heard_at?: string | null;
+            id?: number;
+            name?: string;
+            /** @description Address for OwnTracks in HTTP mode. */
+            owntracks?: string;
+            /** @description A link that sets OwnTracks up, opened on the phone. */
+            owntracks_setup?: string;
+            /** @description How many it has sent. */
+            positions?: number;
+            /** @description The same as a QR code. */
+            qr?: components["schemas"]["QrOut"];
+            /** @description A page that sends the position of the phone that opens it. */
+            url?: string;
+        };
         NewToken: {
             created_at?: string;
             id?: number;
@@ -1564,6 +1583,20 @@ export interface components {
         OutsideSeen: {
             sha256: string;
         };
+        OwnTracksIn: {
+            /** @description `location`, or another. */
+            _type: string;
+            /** @default null */
+            acc: unknown;
+            /** @default null */
+            alt: unknown;
+            /** @default null */
+            lat: unknown;
+            /** @default null */
+            lon: unknown;
+            /** @default null */
+            tst: unknown;
+        };
         PairIn: {
             shown: number[];
             wanted: number[];
@@ -1574,6 +1607,23 @@ export interface components {
         };
         PersonIn: {
             name: string;
+        };
+        PhoneIn: {
+            /** @description Of the person; its track has it. */
+            name: string;
+        };
+        PhoneList: {
+            now?: string;
+            phones?: components["schemas"]["PhoneOut"][];
+        };
+        PhoneOut: {
+            created_at?: string;
+            /** @description When it last sent something. */
+            heard_at?: string | null;
+            id?: number;
+            name?: string;
+            /** @description How many it has sent. */
+            positions?: number;
         };
         PhotoChange: {
             /** @description Id of the floor that it is on. */
@@ -1753,6 +1803,19 @@ export interface components {
             /** @description Pixels from the outer top edge. */
             y: number;
         };
+        PositionIn: {
+            /**
+             * @description Radius that holds 68 %, metres.
+             * @default null
+             */
+            accuracy_m: number | null;
+            /** @default null */
+            height_m: number | null;
+            lat: number;
+            lon: number;
+            /** @description Unix seconds, UTC. */
+            time: number;
+        };
         PositionListIn: {
             /**
              * @description Of a table: what each column holds; by default its header says so.
@@ -1767,6 +1830,13 @@ export interface components {
              * @default true
              */
             move_placed: boolean;
+        };
+        PositionsIn: {
+            /** @description Number of the first one. */
+            first: number;
+            positions: components["schemas"]["PositionIn"][];
+            /** @description A random name of this installation. */
+            sender: string;
         };
         PreviewOut: {
             corners?: {
@@ -1804,6 +1874,10 @@ export interface components {
             max_zoom?: number;
             /** @description With {z}, {x} and {y}. */
             url?: string;
+        };
+        QrOut: {
+            path?: string;
+            size?: number;
         };
         QueryList: {
             queries?: components["schemas"]["QueryOut"][];

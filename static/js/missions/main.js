@@ -6,6 +6,7 @@ import { connectTabs } from "../shared/tabs.js";
 import { sentence, toastError } from "../shared/toast.js";
 import { connectActions } from "./actions.js";
 import { chooseGround } from "./background-choice.js";
+import { connectDrawings } from "./drawings/connect.js";
 import { showFixes } from "./fixes.js";
 import { connectGestures } from "./gestures.js";
 import { showLegend } from "./legend.js";
@@ -55,6 +56,7 @@ function fail(text) {
 function begin() {
   const view = new MissionView(byId("map-canvas"));
   const lines = new TrackLines(store, view);
+  connectDrawings(store, view);
   const scene = new Scene(store, lines, view);
   view.add(scene);
   const player = new Player(store);
@@ -70,7 +72,7 @@ function begin() {
   showTracks(store, { fit, forget: otherMissions(store, fit) });
   showLegend(store, lines);
   new Profile(store, scene, player);
-  connectTabs(["tracks", "objects", "tasks", "photos"], (name) => (byId("mission").dataset.tab = name));
+  connectTabs(["tracks", "objects", "tasks", "areas", "photos"], (name) => (byId("mission").dataset.tab = name));
   byId("panel").inert = false; // inert until its listeners are attached
   showObject(store);
   const look = ({ lat, lon }) => view.ground && view.reveal(view.ground.flat(lat, lon));
