@@ -1,4 +1,4 @@
-"""Search areas on the page of a mission: drawn by clicks and keys, assigned, searched, and seen by visitors."""
+"""Search areas on the page of a mission: drawn by clicks and keys, assigned, searched, seen by visitors."""
 
 import json
 
@@ -92,6 +92,7 @@ def test_an_area_is_drawn_by_keys_alone(opened, api, mission):
 
 def test_a_crossing_outline_stays_in_the_dialog(opened):
     page = opened
+    page.context.watch.expect(400)
     page.get_by_test_id("draw-area").click()
     click_on_map(page, (0.2, 0.3), (0.8, 0.7), (0.8, 0.3), (0.2, 0.7))
     page.get_by_test_id("sketch-bar").get_by_role("button", name="Done").click()

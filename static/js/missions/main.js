@@ -56,9 +56,8 @@ function fail(text) {
 function begin() {
   const view = new MissionView(byId("map-canvas"));
   const lines = new TrackLines(store, view);
-  connectDrawings(store, view);
   const scene = new Scene(store, lines, view);
-  view.add(scene);
+  connectDrawings(store, view, scene);
   const player = new Player(store);
   const fit = (track = null) => {
     const boxes = (track ? [track] : store.shown.map((one) => one.track)).map(({ bounds }) => bounds).filter(Boolean);

@@ -48,9 +48,8 @@ function fail(text) {
 function begin() {
   const view = new MissionView(byId("map-canvas"));
   const lines = new TrackLines(store, view);
-  connectDrawings(store, view);
   const scene = new Scene(store, lines, view);
-  view.add(scene);
+  connectDrawings(store, view, scene);
   const player = new Player(store);
   const fit = (track = null) => fitTo(view, track ? [track] : store.shown.map((one) => one.track));
   const look = ({ lat, lon }) => view.ground && view.reveal(view.ground.flat(lat, lon));

@@ -1,18 +1,19 @@
 /** Connects what concerns drawings on the pages of a mission, for members and visitors. */
 
-import { DrawingLayer } from "./drawing-layer.js";
+import { DrawingLayer, LabelLayer } from "./drawing-layer.js";
 import { showDrawings } from "./drawing-panel.js";
 import { DrawingStore } from "./drawing-store.js";
 import { connectSketch } from "./sketch.js";
 
 /**
- * Show the drawings; call before the layer of the tracks is added, which is drawn over them.
+ * Show the drawings below the layer of the tracks, and their names above it.
  * @param {import("../mission-store.js").MissionStore} store
  * @param {import("../mission-view.js").MissionView} view
+ * @param {L.Layer} scene the layer of the tracks, which is added here
  */
-export function connectDrawings(store, view) {
+export function connectDrawings(store, view, scene) {
   const drawings = new DrawingStore(store);
-  view.add(new DrawingLayer(drawings, view));
+  for (const layer of [new DrawingLayer(drawings, view), scene, new LabelLayer(drawings, view)]) view.add(layer);
   if (drawings.canEdit) connectSketch(drawings, view);
   showDrawings(drawings, (points) => {
     const [lats, lons] = [points.map(([lat]) => lat), points.map(([, lon]) => lon)];

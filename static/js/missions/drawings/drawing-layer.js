@@ -1,4 +1,4 @@
-/** Canvas with the search areas, lines and markers, and the shape being drawn. */
+/** Canvases with the search areas, lines and markers, and the shape being drawn; their texts are above the tracks. */
 
 import { CanvasLayer } from "../../shared/map/canvas-layer.js";
 import { lengthText, percentText } from "../format.js";
@@ -28,34 +28,53 @@ export class DrawingLayer extends CanvasLayer {
   /** @override */
   paint(pen, size) {
     pen.lineJoin = pen.lineCap = "round";
-    const labels = [];
     for (const drawing of this.drawings.list) {
-      const places = this._places(drawing.points);
+      const places = placesOf(this.view, drawing.points);
       if (!places) continue;
       const chosen = drawing.id === this.drawings.chosen;
       drawShape(pen, places, { kind: drawing.kind, colour: COLOURS[stateOf(drawing)], chosen });
-      labels.push([this._text(drawing), drawing.kind, places]);
     }
-    for (const label of labels) drawLabel(pen, ...label);
     const { sketch } = this.drawings;
     if (!sketch) return;
-    const places = this._places(sketch.points) || [];
+    const places = placesOf(this.view, sketch.points) || [];
     if (places.length > 1) drawShape(pen, places, { kind: sketch.kind, colour: COLOURS.line, chosen: true });
     for (const place of places) drawDot(pen, place, COLOURS.line);
     if (this.view.element.matches(":focus-visible")) drawCross(pen, size.x / 2, size.y / 2);
   }
 
-  _places(points) {
-    const { ground } = this.view;
-    const flats = points.map(([lat, lon]) => ground.flat(lat, lon));
-    return flats.every(Boolean) ? flats.map((flat) => this._map.latLngToContainerPoint(ground.latLngOf(flat))) : null;
+}
+
+/** The names of the drawings, with percent or length. */
+export class LabelLayer extends CanvasLayer {
+  /** @param {import("./drawing-store.js").DrawingStore} drawings @param {import("../mission-view.js").MissionView} view */
+  constructor(drawings, view) {
+    super();
+    this.drawings = drawings;
+    this.view = view;
+    drawings.addEventListener("change", this._draw);
   }
 
+  /** @override */
+  paint(pen) {
+    pen.lineJoin = "round";
+    for (const drawing of this.drawings.list) {
+      const places = placesOf(this.view, drawing.points);
+      if (places) drawLabel(pen, this._text(drawing), drawing.kind, places);
+    }
+  }
+
+  /** @returns {[string, string]} */
   _text({ id, kind, name, length_m: length }) {
     const share = this.drawings.coverage.get(id)?.share;
     if (kind === "area") return [name, share === null || share === undefined ? "" : percentText(share)];
     return [name, kind === "line" ? lengthText(length) : ""];
   }
+}
+
+/** Points on the screen; null if one is not on the background. */
+function placesOf({ ground, map }, points) {
+  const flats = points.map(([lat, lon]) => ground.flat(lat, lon));
+  return flats.every(Boolean) ? flats.map((flat) => map.latLngToContainerPoint(ground.latLngOf(flat))) : null;
 }
 
 function drawShape(pen, places, { kind, colour, chosen }) {

@@ -88,7 +88,7 @@ function item(drawings, drawing, look) {
   return h("li", { class: chosen ? "mi-task is-chosen" : "mi-task", dataset: { id }, "data-testid": "drawing" },
     h("div", { class: "mi-task__head" },
       h("button", { class: "mi-object", type: "button", "aria-pressed": String(chosen), dataset: { does: "show" }, onclick: show }, swatch, name),
-      kind === "area" && share && h("strong", { class: "number", "data-testid": "coverage" }, shareText(share)),
+      kind === "area" && share && h("strong", { class: "number mi-drawing__share", "data-testid": "coverage" }, shareText(share)),
       kind === "area" && badge(drawing)),
     h("p", { class: "small soft" }, facts(drawing)),
     drawing.note && h("p", { class: "small" }, drawing.note),

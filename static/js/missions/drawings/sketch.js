@@ -5,6 +5,7 @@ import { t } from "../../shared/i18n.js";
 
 /** A pointer that moves farther than this drags the map. */
 const DRAG_PX = 6;
+const touch = matchMedia("(pointer: coarse)");
 const LEAST = { area: 3, line: 2, marker: 1 };
 
 /**
@@ -71,7 +72,7 @@ function content(drawings) {
   const end = h("button", { class: "button button--primary", type: "button", disabled: points.length < LEAST[kind], onclick: () => finish(drawings) }, t("Done"));
   const cancel = h("button", { class: "button button--quiet", type: "button", onclick: () => drawings.stopSketch() }, t("Cancel"));
   return [
-    h("span", { class: "small", role: "status" }, points.length ? t("Points: {n}", { n: points.length }) : `${how}. ${keys}.`),
+    h("span", { class: "small", role: "status" }, points.length ? t("Points: {n}", { n: points.length }) : touch.matches ? how : `${how}. ${keys}.`),
     points.length > 0 && back, kind !== "marker" && end, cancel,
   ].filter(Boolean);
 }
