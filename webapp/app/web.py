@@ -16,6 +16,7 @@ from webapp.missions.web import (
     api_imports,
     api_missions,
     api_objects,
+    api_robots,
     api_staged,
     api_tracks,
 )
@@ -64,6 +65,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_imports.blueprint,
     api_missions.blueprint,
     api_objects.blueprint,
+    api_robots.blueprint,
     api_staged.blueprint,
     mission_photos.blueprint,
     mission_shared.blueprint,

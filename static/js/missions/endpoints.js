@@ -51,6 +51,7 @@ export function endpointsOf(id) {
     changeDrawing: (drawing, fields) => patch(`${base}/drawings/${drawing}`, fields),
     /** @param {number} drawing id @param {number} revision that was seen */
     deleteDrawing: (drawing, revision) => del(`${base}/drawings/${drawing}?revision=${revision}`),
+    robots: () => get(`${base}/robots`),
     photos: () => get(`${base}/photos`),
     events: (cursor, listeners) => events(`${base}/events?${parameters({ cursor })}`, listeners),
     query: (wish) => get(`${base}/query?${parameters(wish)}`),

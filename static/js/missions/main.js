@@ -20,6 +20,7 @@ import { otherMissions } from "./other-missions.js";
 import { showPhotos } from "./photos.js";
 import { Player } from "./player.js";
 import { Profile } from "./profile.js";
+import { showRobots } from "./robots.js";
 import { Scene } from "./scene.js";
 import { TaskList } from "./task-list.js";
 import { TrackLines } from "./track-lines.js";
@@ -69,6 +70,7 @@ function begin() {
   chooseGround(store, view, { services: page.services, maps: page.maps, fit });
   lines.load().catch(toastError);
   showTracks(store, { fit, forget: otherMissions(store, fit) });
+  showRobots(store);
   showLegend(store, lines);
   new Profile(store, scene, player);
   connectTabs(["tracks", "objects", "tasks", "areas", "photos"], (name) => (byId("mission").dataset.tab = name));

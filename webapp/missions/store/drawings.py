@@ -15,7 +15,7 @@ from webapp.errors import Conflict, NotFound, UsageError
 from webapp.missions.core import drawings as shapes
 from webapp.missions.core.drawings import RADIUS_M, Kind
 from webapp.missions.store import missions
-from webapp.missions.store.schema import Drawing, Mission
+from webapp.missions.store.schema import Mission, MissionDrawing
 
 MOST = 500
 """Maximum number of drawings of a mission."""
@@ -27,19 +27,23 @@ _FLOAT64 = np.dtype("<f8")
 _ONLY_AREAS = ("assigned", "radius_m", "searched")
 
 
-def points_of(row: Drawing) -> list[tuple[float, float]]:
+def points_of(row: MissionDrawing) -> list[tuple[float, float]]:
     """Return the points of a drawing: degrees north, degrees east."""
     return [(lat, lon) for lat, lon in np.frombuffer(row.points, _FLOAT64).reshape(-1, 2).tolist()]
 
 
-def list_drawings(session: Session, mission_id: int) -> list[Drawing]:
+def list_drawings(session: Session, mission_id: int) -> list[MissionDrawing]:
     """List the drawings of a mission in order of creation."""
-    return list(session.scalars(select(Drawing).where(Drawing.mission_id == mission_id).order_by(Drawing.id)))
+    return list(
+        session.scalars(
+            select(MissionDrawing).where(MissionDrawing.mission_id == mission_id).order_by(MissionDrawing.id)
+        )
+    )
 
 
-def find(session: Session, mission_id: int, id: int) -> Drawing:
+def find(session: Session, mission_id: int, id: int) -> MissionDrawing:
     """Find a drawing of a mission. Raises NotFound."""
-    row = session.get(Drawing, id)
+    row = session.get(MissionDrawing, id)
     if row is None or row.mission_id != mission_id:
         raise NotFound(
             "drawing not found in the mission", where=f"drawing {id}", hint="somebody may have deleted it"
@@ -47,7 +51,9 @@ def find(session: Session, mission_id: int, id: int) -> Drawing:
     return row
 
 
-def add(session: Session, mission: Mission, *, kind: Kind, by: str, fields: Mapping[str, Any]) -> Drawing:
+def add(
+    session: Session, mission: Mission, *, kind: Kind, by: str, fields: Mapping[str, Any]
+) -> MissionDrawing:
     """Add a drawing.
 
     Args:
@@ -57,11 +63,13 @@ def add(session: Session, mission: Mission, *, kind: Kind, by: str, fields: Mapp
     Raises:
         UsageError: A field is invalid, or the mission has too many drawings.
     """
-    count = session.scalar(select(func.count()).where(Drawing.mission_id == mission.id)) or 0
+    count = session.scalar(select(func.count()).where(MissionDrawing.mission_id == mission.id)) or 0
     if count >= MOST:
         raise UsageError(f"a mission has at most {MOST} drawings", hint="delete some, or begin a new mission")
     at = time.time()
-    row = Drawing(mission_id=mission.id, kind=kind, created_by=by, created_time_s=at, note="", assigned="")
+    row = MissionDrawing(
+        mission_id=mission.id, kind=kind, created_by=by, created_time_s=at, note="", assigned=""
+    )
     row.radius_m = RADIUS_M if kind == "area" else None
     _set(row, fields, by=by, at=at)
     row.changed_by, row.changed_time_s = by, at
@@ -73,7 +81,7 @@ def add(session: Session, mission: Mission, *, kind: Kind, by: str, fields: Mapp
 
 def change(
     session: Session, mission: Mission, *, id: int, by: str, fields: Mapping[str, Any], seen: int | None
-) -> Drawing:
+) -> MissionDrawing:
     """Change some fields of a drawing, as for `add`; without a difference nothing happens.
 
     Args:
@@ -106,13 +114,20 @@ def remove(session: Session, mission: Mission, *, id: int, seen: int | None) -> 
 
 def has_same(session: Session, mission_id: int, *, kind: Kind, name: str, points: Sequence[Any]) -> bool:
     """Return whether a mission has a drawing of this name and shape."""
-    same = (Drawing.kind == kind, Drawing.name == name, Drawing.points == _packed(points))
+    same = (
+        MissionDrawing.kind == kind,
+        MissionDrawing.name == name,
+        MissionDrawing.points == _packed(points),
+    )
     return (
-        session.scalar(select(Drawing.id).where(Drawing.mission_id == mission_id, *same).limit(1)) is not None
+        session.scalar(
+            select(MissionDrawing.id).where(MissionDrawing.mission_id == mission_id, *same).limit(1)
+        )
+        is not None
     )
 
 
-def _check_seen(row: Drawing, seen: int | None) -> None:
+def _check_seen(row: MissionDrawing, seen: int | None) -> None:
     if seen is not None and seen != row.revision:
         raise Conflict(
             f"{row.changed_by} has changed {row.name!r} meanwhile",
@@ -126,7 +141,7 @@ def _count(mission: Mission) -> None:
     mission.drawings_revision = mission.revision
 
 
-def _set(row: Drawing, fields: Mapping[str, Any], *, by: str, at: float) -> None:
+def _set(row: MissionDrawing, fields: Mapping[str, Any], *, by: str, at: float) -> None:
     if row.kind != "area" and any(fields.get(name) for name in _ONLY_AREAS):
         raise UsageError(f"only areas have {', '.join(_ONLY_AREAS)}", where="kind")
     if "name" in fields:
@@ -146,7 +161,7 @@ def _set(row: Drawing, fields: Mapping[str, Any], *, by: str, at: float) -> None
         row.searched_by = row.searched_time_s = None
 
 
-def _values(row: Drawing) -> tuple[Any, ...]:
+def _values(row: MissionDrawing) -> tuple[Any, ...]:
     return (row.name, row.note, row.assigned, row.points, row.radius_m, row.searched_by, row.searched_time_s)
 
 

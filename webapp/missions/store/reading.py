@@ -19,7 +19,7 @@ from webapp.errors import Conflict, NotFound
 from webapp.missions.core.trajectory.outgoing import ExportDrawing, ExportObject, ExportTrack, MissionExport
 from webapp.missions.core.trajectory.records import Poses
 from webapp.missions.store import drawings, tracks
-from webapp.missions.store.schema import Drawing, Mission, MissionObject, Track
+from webapp.missions.store.schema import Mission, MissionDrawing, MissionObject, Track
 from webapp.store.database import Database
 
 _PART = 4096
@@ -163,7 +163,7 @@ def _object(row: MissionObject, *, people: bool) -> ExportObject:
     )
 
 
-def _drawing(row: Drawing, *, people: bool) -> ExportDrawing:
+def _drawing(row: MissionDrawing, *, people: bool) -> ExportDrawing:
     return ExportDrawing(
         id=row.id,
         kind=row.kind,  # type: ignore[arg-type]

@@ -42,6 +42,8 @@ class Mission(Base):
     """True: its tracks are never thinned."""
     drawings_revision: Mapped[int] = mapped_column(default=0)
     """Revision in which its drawings last changed."""
+    silent_after_s: Mapped[float | None]
+    """Seconds after which a robot that is not heard counts as silent; None for no alarm."""
 
 
 class Track(Base):
@@ -245,7 +247,7 @@ class ObjectChange(Base):
     note: Mapped[str] = mapped_column(default="")
 
 
-class Drawing(Base):
+class MissionDrawing(Base):
     """An area to be searched, a line or a marker that a person drew on the map."""
 
     __tablename__ = "drawing"
@@ -273,6 +275,48 @@ class Drawing(Base):
     """Names of accounts, which may have been deleted since, and Unix seconds."""
     revision: Mapped[int] = mapped_column(default=1)
     """Counts the changes of this drawing."""
+
+
+class RobotHeard(Base):
+    """When a robot was last heard, by the server's clock."""
+
+    __tablename__ = "robot_heard"
+
+    mission_id: Mapped[int] = mapped_column(
+        ForeignKey("mission.id", ondelete="CASCADE"), primary_key=True, autoincrement=False
+    )
+    robot: Mapped[str] = mapped_column(primary_key=True)
+    """Name of its tracks, perhaps empty."""
+    time_s: Mapped[float]
+
+
+class RobotReport(Base):
+    """What a robot said of itself."""
+
+    __tablename__ = "robot_status"
+    __table_args__ = (Index(None, "mission_id", "robot", "time_s"),)
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    mission_id: Mapped[int] = mapped_column(ForeignKey("mission.id", ondelete="CASCADE"))
+    robot: Mapped[str]
+    time_s: Mapped[float]
+    """By the robot's clock, Unix seconds."""
+    battery_percent: Mapped[float | None]
+    link_percent: Mapped[float | None]
+    mode: Mapped[str | None]
+    text: Mapped[str | None]
+
+
+class RobotSilence(Base):
+    """A time in which a robot was not heard for longer than its mission allowed, and which is over."""
+
+    __tablename__ = "robot_silence"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    mission_id: Mapped[int] = mapped_column(ForeignKey("mission.id", ondelete="CASCADE"), index=True)
+    robot: Mapped[str]
+    since_s: Mapped[float]
+    until_s: Mapped[float]
 
 
 class MissionSender(Base):

@@ -18,7 +18,7 @@ from webapp.core.geo.local import LocalFrame, centre_of
 from webapp.missions.core.coverage import Coverage, joined_by_time
 from webapp.missions.core.trajectory.records import Poses
 from webapp.missions.store import drawings, tracks
-from webapp.missions.store.schema import Drawing, Track
+from webapp.missions.store.schema import MissionDrawing, Track
 from webapp.missions.tasks.track_display import tolerance_of
 from webapp.store.library import Library
 
@@ -74,7 +74,9 @@ class CoverageCache:
                 for row in areas
             ]
 
-    def _share(self, session: Session, row: Drawing, found: list[Track], *, at: object) -> float | None:
+    def _share(
+        self, session: Session, row: MissionDrawing, found: list[Track], *, at: object
+    ) -> float | None:
         kept = self._entry((at, row.mission_id, row.points, row.radius_m), row)
         with kept.lock:
             if not _has_grown(kept, found):
@@ -89,7 +91,7 @@ class CoverageCache:
                 kept.share = kept.coverage.share
             return kept.share
 
-    def _entry(self, key: tuple[object, ...], row: Drawing) -> _Kept:
+    def _entry(self, key: tuple[object, ...], row: MissionDrawing) -> _Kept:
         with self._lock:
             kept = self._kept.get(key)
             if kept is None:

@@ -13,7 +13,7 @@ from webapp.missions.core import drawings as shapes
 from webapp.missions.core.drawings import KINDS, LEAST_RADIUS_M, MOST_POINTS, MOST_RADIUS_M, RADIUS_M
 from webapp.missions.store import batches, drawings
 from webapp.missions.store.drawings import MAX_NOTE
-from webapp.missions.store.schema import Drawing
+from webapp.missions.store.schema import MissionDrawing
 from webapp.missions.tasks.coverage import AreaCoverage, CoverageCache
 from webapp.missions.web.context import mission_role, open_mission
 from webapp.web.context import account, library
@@ -119,7 +119,7 @@ class CoverageOut(Schema):
     areas = List(Nested(AreaCoverageOut))
 
 
-def drawing_json(row: Drawing, *, visitor: bool = False) -> dict[str, Any]:
+def drawing_json(row: MissionDrawing, *, visitor: bool = False) -> dict[str, Any]:
     """Return a drawing as JSON; visitors get neither names of people nor notes."""
     points = drawings.points_of(row)
     metres = shapes.to_metres(points)

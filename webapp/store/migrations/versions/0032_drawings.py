@@ -1,4 +1,4 @@
-"""People draw search areas, lines and markers on missions."""
+"""People draw search areas, lines and markers on missions; robots say how they are."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -8,7 +8,7 @@ down_revision = "0031"
 
 
 def upgrade() -> None:
-    """Add the table, and the revision in which the drawings of a mission last changed."""
+    """Add the tables, the revision of the drawings of a mission, and when its robots count as silent."""
     op.add_column("mission", sa.Column("drawings_revision", sa.Integer(), nullable=False, server_default="0"))
     op.create_table(
         "drawing",
@@ -34,3 +34,47 @@ def upgrade() -> None:
         sqlite_autoincrement=True,
     )
     op.create_index("ix_drawing_mission_id", "drawing", ["mission_id"])
+    op.add_column("mission", sa.Column("silent_after_s", sa.Double(), nullable=True))
+    op.create_table(
+        "robot_heard",
+        sa.Column("mission_id", sa.Integer(), nullable=False),
+        sa.Column("robot", sa.String(), nullable=False),
+        sa.Column("time_s", sa.Double(), nullable=False),
+        sa.ForeignKeyConstraint(
+            ["mission_id"], ["mission.id"], name="fk_robot_heard_mission_id_mission", ondelete="CASCADE"
+        ),
+        sa.PrimaryKeyConstraint("mission_id", "robot", name="pk_robot_heard"),
+    )
+    op.create_table(
+        "robot_status",
+        sa.Column("id", sa.Integer(), nullable=False),
+        sa.Column("mission_id", sa.Integer(), nullable=False),
+        sa.Column("robot", sa.String(), nullable=False),
+        sa.Column("time_s", sa.Double(), nullable=False),
+        sa.Column("battery_percent", sa.Double(), nullable=True),
+        sa.Column("link_percent", sa.Double(), nullable=True),
+        sa.Column("mode", sa.String(), nullable=True),
+        sa.Column("text", sa.String(), nullable=True),
+        sa.ForeignKeyConstraint(
+            ["mission_id"], ["mission.id"], name="fk_robot_status_mission_id_mission", ondelete="CASCADE"
+        ),
+        sa.PrimaryKeyConstraint("id", name="pk_robot_status"),
+    )
+    op.create_index(
+        "ix_robot_status_mission_id_robot_status_robot_robot_status_time_s",
+        "robot_status",
+        ["mission_id", "robot", "time_s"],
+    )
+    op.create_table(
+        "robot_silence",
+        sa.Column("id", sa.Integer(), nullable=False),
+        sa.Column("mission_id", sa.Integer(), nullable=False),
+        sa.Column("robot", sa.String(), nullable=False),
+        sa.Column("since_s", sa.Double(), nullable=False),
+        sa.Column("until_s", sa.Double(), nullable=False),
+        sa.ForeignKeyConstraint(
+            ["mission_id"], ["mission.id"], name="fk_robot_silence_mission_id_mission", ondelete="CASCADE"
+        ),
+        sa.PrimaryKeyConstraint("id", name="pk_robot_silence"),
+    )
+    op.create_index("ix_robot_silence_mission_id", "robot_silence", ["mission_id"])
