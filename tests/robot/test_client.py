@@ -48,6 +48,7 @@ def test_records_arrive_unchanged(start, server):
     client.pose(50, 14, time_s=1, heading_deg=-90, height_m=200, covariance=covariance, source="odometry")
     client.pose(50.1, 14.1, time_s=2, track="left", travelled_m=3, skipped=4)
     client.object("car 1", "car", lat=50, lon=14.2, time_s=3, confidence=0.5)
+    client.report(battery_percent=81, mode="auto", track="left", time_s=4)
     client.end()
     assert client.upload(wait_s=60)
     assert server.stored() == [
@@ -57,12 +58,13 @@ def test_records_arrive_unchanged(start, server):
          "skipped": 4},
         {"type": "object", "id": "car 1", "class": "car", "time": 3, "lat": 50, "lon": 14.2,
          "confidence": 0.5},
+        {"type": "status", "time": 4, "battery_percent": 81, "mode": "auto", "track": "left"},
         {"type": "end"},
     ]  # fmt: skip
     path, body = server.requests[0]
     assert path == "/api/v1/missions/7/batches" and body["token"] == "Bearer token"
     status = client.status()
-    assert (status.written, status.waiting, status.online, status.problem) == (4, 0, True, "")
+    assert (status.written, status.waiting, status.online, status.problem) == (5, 0, True, "")
 
 
 @pytest.mark.parametrize(

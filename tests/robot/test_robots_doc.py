@@ -44,7 +44,7 @@ def test_the_lines_for_other_languages_are_records():
 
 
 def test_every_field_is_explained():
-    rows = re.findall(r"^\| (`[a-z_`, ]+) \| (both|pose|object|end) \|", PAGE, re.M)
+    rows = re.findall(r"^\| (`[a-z_`, ]+) \| (both|pose|object|status|end) \|", PAGE, re.M)
     explained = {(of, name) for cell, of in rows for name in re.findall(r"[a-z_0-9]+", cell)}
     both = RECORDS["pose"].keys() & RECORDS["object"].keys()
     known = {("both" if name in both else of, name) for of, fields in RECORDS.items() for name in fields}

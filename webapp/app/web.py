@@ -14,6 +14,7 @@ from webapp.importing import import_name
 from webapp.missions.store import shares
 from webapp.missions.web import (
     api_batches,
+    api_drawings,
     api_events,
     api_exports,
     api_fixes,
@@ -21,6 +22,7 @@ from webapp.missions.web import (
     api_missions,
     api_objects,
     api_phones,
+    api_robots,
     api_staged,
     api_tracks,
 )
@@ -62,12 +64,14 @@ from webapp.web.state import Parts
 
 BLUEPRINTS: tuple[Blueprint, ...] = (
     api_batches.blueprint,
+    api_drawings.blueprint,
     api_events.blueprint,
     api_exports.blueprint,
     api_fixes.blueprint,
     api_imports.blueprint,
     api_missions.blueprint,
     api_objects.blueprint,
+    api_robots.blueprint,
     api_staged.blueprint,
     mission_photos.blueprint,
     mission_shared.blueprint,

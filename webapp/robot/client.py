@@ -19,10 +19,12 @@ from .options import RobotOptions, RobotStatus
 from .records import (
     ObjectFields,
     PoseFields,
+    StatusFields,
     end_record,
     object_record,
     parse_record,
     pose_record,
+    status_record,
     to_json,
 )
 from .schema import Identity
@@ -142,6 +144,18 @@ class RobotClient:
         """
         when = time.time() if time_s is None else time_s
         self._write(object_record(id, kind, lat=lat, lon=lon, time=when, **more))
+
+    def report(self, *, time_s: SupportsFloat | None = None, **more: Unpack[StatusFields]) -> None:
+        """Send how the robot is; people see the latest report.
+
+        Args:
+            time_s: Seconds since 1970, UTC; defaults to now.
+            **more: `battery_percent`, `link_percent`, `mode`, `text`, `track`.
+
+        Raises:
+            InputError, DiskFull, StorageError: Nothing was written.
+        """
+        self._write(status_record(time=time.time() if time_s is None else time_s, **more))
 
     def photo(
         self,

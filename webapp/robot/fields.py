@@ -202,6 +202,14 @@ RECORDS: dict[str, dict[str, Field]] = {
         "size_m": Size("Length, width, height of the object; metres."),
         "photo": Text("SHA-256 of a photo of the mission.", least=64, most=64, pattern=_SHA256),
     },
+    "status": {
+        "time": _PLACE["time"],
+        "track": Text("Name of the robot, as in its poses.", least=0),
+        "battery_percent": Number("0 to 100.", 0, 100),
+        "link_percent": Number("Quality of its radio link, 0 to 100.", 0, 100),
+        "mode": Text("`auto`, `manual`, `return` ..."),
+        "text": Text("A message to people."),
+    },
     "end": {"left_out": ListOf("Of tracks whose last poses were left out.", _TRACK)},
 }
 """The fields of each type of record, without `type`."""

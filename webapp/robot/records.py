@@ -48,6 +48,23 @@ class ObjectFields(TypedDict, total=False):
     photo: str
 
 
+class StatusFields(TypedDict, total=False):
+    """Optional fields of a status.
+
+    Attributes:
+        track: Name of the robot, as in its poses.
+        battery_percent, link_percent: 0 to 100.
+        mode: `auto`, `manual` ...
+        text: A message to people, up to 200 characters.
+    """
+
+    track: str
+    battery_percent: SupportsFloat
+    link_percent: SupportsFloat
+    mode: str
+    text: str
+
+
 def pose_record(
     lat: SupportsFloat, lon: SupportsFloat, *, time: SupportsFloat, **more: Unpack[PoseFields]
 ) -> dict[str, Any]:
@@ -94,6 +111,18 @@ def object_record(
     return _record("object", {"id": id, "class": kind, "time": time, "lat": lat, "lon": lon, **more})
 
 
+def status_record(*, time: SupportsFloat, **more: Unpack[StatusFields]) -> dict[str, Any]:
+    """Make the record of how a robot is.
+
+    Args:
+        time: Seconds since 1970, UTC.
+
+    Raises:
+        InputError: A field has the wrong type, is out of range, or unknown.
+    """
+    return _record("status", {"time": time, **more})
+
+
 def end_record(left_out: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
     """Make the record of the end of the mission.
 
@@ -117,6 +146,8 @@ def parse_record(given: Mapping[str, Any], *, now_s: float) -> dict[str, Any]:
         case "object":
             more = {"id": None, "kind": fields.pop("class", None)}
             return object_record(**more | _with_place(fields, now_s=now_s))
+        case "status":
+            return status_record(**{"time": now_s} | fields)
         case type_:
             return _record(type_, fields)
 

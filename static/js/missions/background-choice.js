@@ -121,5 +121,5 @@ function placeOf(store) {
   const bounds = store.tracks.find(({ track }) => track.bounds)?.track.bounds;
   if (bounds) return [(bounds[0] + bounds[2]) / 2, (bounds[1] + bounds[3]) / 2];
   const object = store.objects.values().next().value;
-  return object ? [object.lat, object.lon] : mission?.start ? [mission.start.lat, mission.start.lon] : null;
+  return object ? [object.lat, object.lon] : mission?.start ? [mission.start.lat, mission.start.lon] : store.drawn;
 }

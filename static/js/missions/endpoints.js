@@ -45,6 +45,13 @@ export function endpointsOf(id) {
     objects: (wish, signal) => get(`${base}/objects?${parameters(wish)}`, { signal }),
     object: (object) => get(`${base}/objects/${encodeURIComponent(object)}`),
     setState: (object, change) => patch(`${base}/objects/${encodeURIComponent(object)}`, change),
+    drawings: () => get(`${base}/drawings`),
+    coverage: () => get(`${base}/coverage`),
+    addDrawing: (fields) => post(`${base}/drawings`, fields),
+    changeDrawing: (drawing, fields) => patch(`${base}/drawings/${drawing}`, fields),
+    /** @param {number} drawing id @param {number} revision that was seen */
+    deleteDrawing: (drawing, revision) => del(`${base}/drawings/${drawing}?revision=${revision}`),
+    robots: () => get(`${base}/robots`),
     photos: () => get(`${base}/photos`),
     events: (cursor, listeners) => events(`${base}/events?${parameters({ cursor })}`, listeners),
     query: (wish) => get(`${base}/query?${parameters(wish)}`),

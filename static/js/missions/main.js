@@ -6,6 +6,7 @@ import { connectTabs } from "../shared/tabs.js";
 import { sentence, toastError } from "../shared/toast.js";
 import { connectActions } from "./actions.js";
 import { chooseGround } from "./background-choice.js";
+import { connectDrawings } from "./drawings/connect.js";
 import { showFixes } from "./fixes.js";
 import { connectGestures } from "./gestures.js";
 import { showLegend } from "./legend.js";
@@ -19,6 +20,7 @@ import { otherMissions } from "./other-missions.js";
 import { showPhotos } from "./photos.js";
 import { Player } from "./player.js";
 import { Profile } from "./profile.js";
+import { showRobots } from "./robots.js";
 import { Scene } from "./scene.js";
 import { TaskList } from "./task-list.js";
 import { TrackLines } from "./track-lines.js";
@@ -56,7 +58,7 @@ function begin() {
   const view = new MissionView(byId("map-canvas"));
   const lines = new TrackLines(store, view);
   const scene = new Scene(store, lines, view);
-  view.add(scene);
+  connectDrawings(store, view, scene);
   const player = new Player(store);
   const fit = (track = null) => {
     const boxes = (track ? [track] : store.shown.map((one) => one.track)).map(({ bounds }) => bounds).filter(Boolean);
@@ -68,9 +70,10 @@ function begin() {
   chooseGround(store, view, { services: page.services, maps: page.maps, fit });
   lines.load().catch(toastError);
   showTracks(store, { fit, forget: otherMissions(store, fit) });
+  showRobots(store);
   showLegend(store, lines);
   new Profile(store, scene, player);
-  connectTabs(["tracks", "objects", "tasks", "photos"], (name) => (byId("mission").dataset.tab = name));
+  connectTabs(["tracks", "objects", "tasks", "areas", "photos"], (name) => (byId("mission").dataset.tab = name));
   byId("panel").inert = false; // inert until its listeners are attached
   showObject(store);
   const look = ({ lat, lon }) => view.ground && view.reveal(view.ground.flat(lat, lon));

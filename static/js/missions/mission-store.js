@@ -25,6 +25,7 @@ export class MissionStore extends EventTarget {
     this.matching = null;
     this.chosen = null;
     this.trail = [];
+    this.drawn = null;
     this.symbols = new Symbols(symbols);
     this._servers = new Map();
   }
@@ -125,6 +126,12 @@ export class MissionStore extends EventTarget {
   setTrail(places) {
     this.trail = places;
     this.emit("trail");
+  }
+
+  /** Where something is drawn, while nothing else says where the mission is. @param {[number, number]} place degrees */
+  setDrawn(place) {
+    this.drawn = place;
+    this.emit("grown");
   }
 
   /** Replace the state of a mission; fires `missed` for tracks with new poses, which must be fetched. */

@@ -5,6 +5,7 @@ import { t } from "../shared/i18n.js";
 import { connectTabs } from "../shared/tabs.js";
 import { sentence, toastError } from "../shared/toast.js";
 import { chooseGround } from "./background-choice.js";
+import { connectDrawings } from "./drawings/connect.js";
 import { connectGestures } from "./gestures.js";
 import { showLegend } from "./legend.js";
 import { liveBadge } from "./live-badge.js";
@@ -48,7 +49,7 @@ function begin() {
   const view = new MissionView(byId("map-canvas"));
   const lines = new TrackLines(store, view);
   const scene = new Scene(store, lines, view);
-  view.add(scene);
+  connectDrawings(store, view, scene);
   const player = new Player(store);
   const fit = (track = null) => fitTo(view, track ? [track] : store.shown.map((one) => one.track));
   const look = ({ lat, lon }) => view.ground && view.reveal(view.ground.flat(lat, lon));
@@ -58,7 +59,7 @@ function begin() {
   showTracks(store, { fit, forget: () => {} });
   showLegend(store, lines);
   new Profile(store, scene, player);
-  connectTabs(["tracks", "objects", "photos"]);
+  connectTabs(["tracks", "objects", "areas", "photos"]);
   byId("panel").inert = false; // inert until its listeners are attached
   showObject(store);
   new ObjectTable(store, look);

@@ -28,6 +28,8 @@ function endpointsOf(base) {
     profile: (track, points, signal) => get(`${base}/tracks/${track}/profile?points=${points}`, { signal }),
     objects: (wish, signal) => get(`${base}/objects?${parameters(wish)}`, { signal }),
     object: (object) => get(`${base}/objects/${encodeURIComponent(object)}`),
+    drawings: () => get(`${base}/drawings`),
+    coverage: () => get(`${base}/coverage`),
     photos: () => get(`${base}/photos`),
     photo: (sha256) => `/api/v1${base}/photos/${sha256}/preview`,
   };

@@ -13,10 +13,11 @@ from webapp.files.exchange.gpx import NAMESPACE
 from webapp.importing import import_name
 from webapp.missions.core.trajectory.robotframe import Start
 from webapp.missions.core.trajectory.thinning import MinMove
-from webapp.missions.store import batches, missions, objects, tracks
+from webapp.missions.store import batches, drawings, missions, objects, tracks
 from webapp.missions.store.objects import Page
 from webapp.missions.store.schema import Mission, Track
 from webapp.missions.tasks import import_file, import_order, read_track
+from webapp.missions.tasks.export import export_mission
 from webapp.missions.tasks.import_order import Order
 from webapp.missions.tasks.place_track import ReadOptions
 from webapp.progress import Progress
@@ -296,3 +297,26 @@ def test_of_a_file_that_was_divided_otherwise_a_missing_part_is_not_hidden(
         imported(library, mission, order)
     assert (error.value.where, error.value.hint) == ("log.csv", "import it into a new mission")
     assert content(library, mission) == before
+
+
+def test_drawings_of_our_geojson_come_once(library, mission, owner, tmp_path):
+    with library.database.write() as session:
+        row = session.get_one(Mission, mission)
+        square = [(50.0, 14.0), (50.0, 14.001), (50.001, 14.001)]
+        given = {"name": "Slope", "points": square, "assigned": "Ann", "searched": True, "radius_m": 7.0}
+        drawings.add(session, row, kind="area", by="owner", fields=given)
+        drawings.add(session, row, kind="marker", by="owner", fields={"name": "Post", "points": square[:1]})
+        other = missions.create(session, "Other", account_id=owner).id
+    download = export_mission(library, mission, form="geojson", people=True)
+    path = tmp_path / "search.geojson"
+    path.write_bytes(b"".join(download.pieces))
+    done = [imported(library, other, order_for(path)) for _ in range(2)]
+    assert [one.new for one in done] == [True, False]
+    with library.database.read() as session:
+        area, marker = drawings.list_drawings(session, other)
+    assert drawings.points_of(area) == square
+    assert (area.assigned, area.radius_m, area.searched_time_s is not None) == ("Ann", 7.0, True)
+    assert {area.created_by, area.searched_by, marker.created_by} == {"search.geojson"}
+    visitors = b"".join(export_mission(library, mission, form="geojson").pieces)
+    assert b"Slope" in visitors
+    assert b"Ann" not in visitors

@@ -1,5 +1,7 @@
 """Writes a mission as GeoJSON (RFC 7946), piece by piece: a line for each track, a point for each object.
 
+Drawings follow, with the property `drawing`; an area across the 180th meridian has longitudes beyond 180.
+
 The times of a line's positions are in its `coordinateProperties`, nested like its coordinates. A track that
 crosses the 180th meridian is cut there into several lines, as the standard recommends.
 """
@@ -14,8 +16,9 @@ from numpy.typing import NDArray
 
 from webapp.files.exchange.geojson import point_feature, to_json, write_collection
 from webapp.files.exchange.times import utc, utc_or_none
-from webapp.missions.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
+from webapp.missions.core.trajectory.outgoing import ExportDrawing, ExportObject, ExportTrack, MissionExport
 from webapp.missions.core.trajectory.records import Poses, join, make_poses
+from webapp.missions.files.drawn import GEOMETRIES, continuous, drawing_facts
 
 
 def format_mission_geojson(mission: MissionExport) -> Iterator[bytes]:
@@ -32,6 +35,8 @@ def _features(mission: MissionExport) -> Iterator[Iterable[str]]:
         yield track_feature(track)
     for found in mission.objects():
         yield [object_feature(found)]
+    for drawing in mission.drawings:
+        yield [_drawing(drawing)]
 
 
 def track_feature(track: ExportTrack) -> Iterator[str]:
@@ -139,3 +144,19 @@ def object_feature(found: ExportObject) -> str:
         "state_by": found.state_by,
     }
     return point_feature(found.id, found.latlon, properties=properties, height_m=found.height_m)
+
+
+def _drawing(drawing: ExportDrawing) -> str:
+    places = [[round(lon, 9), round(lat, 9)] for lat, lon in continuous(drawing.points)]
+    coordinates: object = places
+    if drawing.kind == "area":
+        coordinates = [[*places, places[0]]]
+    elif drawing.kind == "marker":
+        coordinates = places[0]
+    feature = {
+        "type": "Feature",
+        "id": f"drawing-{drawing.id}",
+        "geometry": {"type": GEOMETRIES[drawing.kind], "coordinates": coordinates},
+        "properties": drawing_facts(drawing),
+    }
+    return to_json(feature)

@@ -23,6 +23,7 @@ from webapp.files.gate import Budget
 from webapp.missions.core.trajectory.records import Poses, Sighting
 from webapp.missions.core.trajectory.robotframe import LocalPoses
 from webapp.missions.files import track_reader
+from webapp.missions.files.drawn import FoundDrawing
 from webapp.missions.files.readers import rosbag
 from webapp.missions.files.readers.rosbag import Topic
 from webapp.missions.files.track_chunks import (
@@ -79,6 +80,9 @@ def read(
             if isinstance(found, tuple):
                 _remark(found, findings)
                 continue
+            if isinstance(found, FoundDrawing):
+                findings.draw(found, where="")
+                continue
             assert not isinstance(found, list), "pieces and remarks only"
             if isinstance(found, WorldPiece | RobotPiece):
                 tracks.add(found.track)
@@ -105,6 +109,8 @@ def messages(path: str, kind: str, *, selection: dict[str, Any]) -> Iterator[byt
         yield from map(_remark_message, findings.taken())
         yield from _piece_messages(piece)
     yield from map(_remark_message, findings.taken())
+    for drawing in findings.drawn:
+        yield _message(["drawn", asdict(drawing)])
 
 
 def topic_messages(path: str, suffix: str) -> Iterator[bytes]:
@@ -194,7 +200,7 @@ def _values_message(values: Sequence[Any]) -> bytes:
     return _message(["values", *values])
 
 
-def _decode(message: bytes) -> Piece | _Remark | list[Any]:
+def _decode(message: bytes) -> Piece | _Remark | FoundDrawing | list[Any]:
     text, _, data = message.partition(b"\n")
     found: list[Any] = json.loads(text)
     kind, rest = found[0], found[1:]
@@ -209,6 +215,9 @@ def _decode(message: bytes) -> Piece | _Remark | list[Any]:
             return WorldObjects(tuple(Sighting(*_fields(row, LatLon)) for row in rest[0]))
         case "seen locally":
             return RobotObjects(rest[0], tuple(LocalSighting(*_fields(row, tuple)) for row in rest[1]))
+        case "drawn":
+            points = tuple(tuple(point) for point in rest[0]["points"])
+            return FoundDrawing(**{**rest[0], "points": points})
         case "remark":
             method, what, where, count = rest
             return method, what, where, count

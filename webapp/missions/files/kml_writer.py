@@ -12,12 +12,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from webapp.files.exchange.kml import extended_data, picture_description, point, write_kml
+from webapp.core.geo.types import LatLon
+from webapp.files.exchange.kml import coordinates, extended_data, picture_description, point, write_kml
 from webapp.files.exchange.times import utc, utc_or_none
 from webapp.files.exchange.xml import element
-from webapp.missions.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
+from webapp.missions.core.trajectory.outgoing import ExportDrawing, ExportObject, ExportTrack, MissionExport
 from webapp.missions.core.trajectory.records import Poses
 from webapp.missions.core.trajectory.symbols import kind_colour
+from webapp.missions.files.drawn import continuous, drawing_facts
 
 
 def format_mission_kml(
@@ -66,7 +68,12 @@ def _pieces(mission: MissionExport, icons: Mapping[str, str], *, photos: Mapping
     yield "</Folder>\n<Folder><name>Objects</name>\n"
     for found in mission.objects():
         yield _object(found, styles.get(found.kind), picture=photos.get(found.photo or ""))
-    yield "</Folder>\n</Document>\n"
+    yield "</Folder>\n"
+    if mission.drawings:
+        yield "<Folder><name>Drawings</name>\n"
+        yield from map(_drawing, mission.drawings)
+        yield "</Folder>\n"
+    yield "</Document>\n"
 
 
 def _kind_style(kind: str, style: str, icon: str | None) -> str:
@@ -151,6 +158,33 @@ def _object(found: ExportObject, style: str | None, *, picture: str | None) -> s
         f"<TimeSpan><begin>{first}</begin><end>{last}</end></TimeSpan>"
         f"{f'<styleUrl>#{style}</styleUrl>' if style else ''}"
         f"{extended_data(facts)}{point(found.latlon, found.height_m)}</Placemark>\n"
+    )
+
+
+def _drawing(drawing: ExportDrawing) -> str:
+    places = [coordinates(LatLon(*point)) for point in continuous(drawing.points)]
+    if drawing.kind == "area":
+        ring = f"<LinearRing>{element('coordinates', ' '.join([*places, places[0]]))}</LinearRing>"
+        shape = f"<Polygon><tessellate>1</tessellate><outerBoundaryIs>{ring}</outerBoundaryIs></Polygon>"
+    elif drawing.kind == "line":
+        shape = (
+            f"<LineString><tessellate>1</tessellate>{element('coordinates', ' '.join(places))}</LineString>"
+        )
+    else:
+        shape = f"<Point>{element('coordinates', places[0])}</Point>"
+    line = _colour(drawing.colour)
+    style = (
+        f"<Style><IconStyle><color>{line}</color></IconStyle>"
+        f"<LineStyle><color>{line}</color><width>3</width></LineStyle>"
+        f"<PolyStyle><color>55{line[2:]}</color></PolyStyle></Style>"
+    )
+    facts = {
+        name: str(value).lower() if isinstance(value, bool) else value
+        for name, value in drawing_facts(drawing).items()
+    }
+    return (
+        f'<Placemark id="drawing-{drawing.id}">{element("name", drawing.name)}{style}'
+        f"{extended_data(facts)}{shape}</Placemark>\n"
     )
 
 

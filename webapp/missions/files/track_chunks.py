@@ -7,10 +7,14 @@ from dataclasses import dataclass, field, replace
 
 from webapp.missions.core.trajectory.records import Poses, Sighting, Source
 from webapp.missions.core.trajectory.robotframe import LocalPoses
+from webapp.missions.files.drawn import FoundDrawing
 from webapp.robot.fields import RECORDS, FieldError
 
 CHUNK = 2048
 """Maximum number of poses in a piece."""
+
+MOST_DRAWN = 500
+"""Maximum number of drawings of a file."""
 
 BAD_POSITION = "positions with an invalid latitude or longitude"
 BAD_COVARIANCE = "invalid covariances of objects are left out"
@@ -89,10 +93,12 @@ class Skipped:
 
 @dataclass(slots=True)
 class Findings:
-    """Remarks of a reader: items left out, doubtful items, and notes."""
+    """Remarks of a reader: items left out, doubtful items, and notes; and the drawings of a file."""
 
     # Sentences on how the file was interpreted, without repetition.
     notes: list[str] = field(default_factory=list)
+    # Search areas, lines and markers, which are few and small.
+    drawn: list[FoundDrawing] = field(default_factory=list)
     _counts: Counter[str] = field(default_factory=Counter)
     _first: dict[str, str] = field(default_factory=dict)
     _doubts: dict[str, Skipped] = field(default_factory=dict)
@@ -113,6 +119,15 @@ class Findings:
         """Note how the file was interpreted; empty sentences are ignored."""
         if sentence and sentence not in self.notes:
             self.notes.append(sentence)
+
+    def draw(self, drawing: FoundDrawing | None, *, where: str) -> None:
+        """Keep a drawing; None counts as one that is invalid."""
+        if drawing is None:
+            self.skip("drawings with an invalid shape", where=where)
+        elif len(self.drawn) < MOST_DRAWN:
+            self.drawn.append(drawing)
+        else:
+            self.skip("drawings beyond the first 500", where=where)
 
     def skipped(self) -> tuple[Skipped, ...]:
         """Return what was left out, in order of first occurrence."""

@@ -7,6 +7,7 @@ key gets the first answer again. Either way, this is one transaction with the re
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import timedelta
@@ -20,7 +21,7 @@ from webapp.errors import Conflict
 from webapp.missions.core.trajectory.association import ObjectAssociation, ObjectEstimate
 from webapp.missions.core.trajectory.batch import Batch
 from webapp.missions.core.trajectory.records import Sighting
-from webapp.missions.store import missions, tracks
+from webapp.missions.store import missions, robots, tracks
 from webapp.missions.store.objects import STATES
 from webapp.missions.store.schema import Mission, MissionBatch, MissionObject, MissionSender, ObjectSighting
 from webapp.store.clock import now
@@ -113,6 +114,11 @@ def store(session: Session, mission: Mission, batch: Batch) -> None:
         if part.travelled_m > track.distance_m:  # false for NaN
             track.distance_m = part.travelled_m
     add_sightings(session, mission, batch.sightings)
+    robots.add_statuses(session, mission.id, found=batch.statuses)
+    names = {name for _, name in batch.tracks} | {one.robot for one in batch.statuses}
+    if not names and batch.sightings:
+        names = {""}
+    robots.hear(session, mission, names=names, at_s=time.time())
     if batch.ends:
         missions.end(mission)
 

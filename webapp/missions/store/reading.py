@@ -16,10 +16,10 @@ from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import LatLon
 from webapp.errors import Conflict, NotFound
-from webapp.missions.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
+from webapp.missions.core.trajectory.outgoing import ExportDrawing, ExportObject, ExportTrack, MissionExport
 from webapp.missions.core.trajectory.records import Poses
-from webapp.missions.store import tracks
-from webapp.missions.store.schema import Mission, MissionObject, Track
+from webapp.missions.store import drawings, tracks
+from webapp.missions.store.schema import Mission, MissionDrawing, MissionObject, Track
 from webapp.store.database import Database
 
 _PART = 4096
@@ -37,7 +37,8 @@ def read(
 
     Args:
         most: Maximum number of poses of each track, evenly spread, including the first and the last.
-        people: Include the names of people who have set the states of objects.
+        people: Include the names of people who have set the states of objects, and what concerns people in
+            drawings.
 
     Returns:
         Its functions read from the database when they are called; they raise `Conflict` if a track was
@@ -56,6 +57,9 @@ def read(
             tracks=tuple(_track(database, track, most=most) for track in found),
             kinds=_kinds(session, mission_id),
             objects=partial(_objects, database, mission_id, people=people),
+            drawings=tuple(
+                _drawing(row, people=people) for row in drawings.list_drawings(session, mission_id)
+            ),
         )
 
 
@@ -181,4 +185,20 @@ def as_exported(row: MissionObject, *, people: bool) -> ExportObject:
         state=row.state,
         state_by=row.state_by if people else None,
         state_time_s=row.state_time_s,
+    )
+
+
+def _drawing(row: MissionDrawing, *, people: bool) -> ExportDrawing:
+    return ExportDrawing(
+        id=row.id,
+        kind=row.kind,  # type: ignore[arg-type]
+        name=row.name,
+        points=tuple(LatLon(*point) for point in drawings.points_of(row)),
+        created_time_s=row.created_time_s,
+        radius_m=row.radius_m,
+        searched_time_s=row.searched_time_s,
+        note=row.note if people else "",
+        assigned=row.assigned if people else "",
+        searched_by=row.searched_by if people else None,
+        created_by=row.created_by if people else None,
     )

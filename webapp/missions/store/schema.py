@@ -40,6 +40,10 @@ class Mission(Base):
     """When the robot ended the mission."""
     keep: Mapped[bool] = mapped_column(default=False)
     """True: its tracks are never thinned."""
+    drawings_revision: Mapped[int] = mapped_column(default=0)
+    """Revision in which its drawings last changed."""
+    silent_after_s: Mapped[float | None]
+    """Seconds after which a robot that is not heard counts as silent; None for no alarm."""
 
 
 class Track(Base):
@@ -241,6 +245,78 @@ class ObjectChange(Base):
     by: Mapped[str]
     """Name of the account, which may have been deleted since."""
     note: Mapped[str] = mapped_column(default="")
+
+
+class MissionDrawing(Base):
+    """An area to be searched, a line or a marker that a person drew on the map."""
+
+    __tablename__ = "drawing"
+    __table_args__ = IDS_USED_ONCE
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    mission_id: Mapped[int] = mapped_column(ForeignKey("mission.id", ondelete="CASCADE"), index=True)
+    kind: Mapped[str]
+    """`area`, `line` or `marker`."""
+    name: Mapped[str]
+    note: Mapped[str] = mapped_column(default="")
+    points: Mapped[bytes] = mapped_column(LargeBinary)
+    """float64 (n, 2), little-endian: lat, lon; an area is closed without repeating its first point."""
+    assigned: Mapped[str] = mapped_column(default="")
+    """Who is to search the area: a name, or that of a track."""
+    radius_m: Mapped[float | None]
+    """Distance at which somebody who passes has searched a spot of the area; None for other kinds."""
+    searched_by: Mapped[str | None]
+    searched_time_s: Mapped[float | None]
+    """Who has marked the area as searched, and when; None for one that is not."""
+    created_by: Mapped[str]
+    created_time_s: Mapped[float]
+    changed_by: Mapped[str]
+    changed_time_s: Mapped[float]
+    """Names of accounts, which may have been deleted since, and Unix seconds."""
+    revision: Mapped[int] = mapped_column(default=1)
+    """Counts the changes of this drawing."""
+
+
+class RobotHeard(Base):
+    """When a robot was last heard, by the server's clock."""
+
+    __tablename__ = "robot_heard"
+
+    mission_id: Mapped[int] = mapped_column(
+        ForeignKey("mission.id", ondelete="CASCADE"), primary_key=True, autoincrement=False
+    )
+    robot: Mapped[str] = mapped_column(primary_key=True)
+    """Name of its tracks, perhaps empty."""
+    time_s: Mapped[float]
+
+
+class RobotReport(Base):
+    """What a robot said of itself."""
+
+    __tablename__ = "robot_status"
+    __table_args__ = (Index(None, "mission_id", "robot", "time_s"),)
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    mission_id: Mapped[int] = mapped_column(ForeignKey("mission.id", ondelete="CASCADE"))
+    robot: Mapped[str]
+    time_s: Mapped[float]
+    """By the robot's clock, Unix seconds."""
+    battery_percent: Mapped[float | None]
+    link_percent: Mapped[float | None]
+    mode: Mapped[str | None]
+    text: Mapped[str | None]
+
+
+class RobotSilence(Base):
+    """A time in which a robot was not heard for longer than its mission allowed, and which is over."""
+
+    __tablename__ = "robot_silence"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    mission_id: Mapped[int] = mapped_column(ForeignKey("mission.id", ondelete="CASCADE"), index=True)
+    robot: Mapped[str]
+    since_s: Mapped[float]
+    until_s: Mapped[float]
 
 
 class MissionSender(Base):

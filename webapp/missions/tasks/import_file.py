@@ -23,10 +23,11 @@ from webapp.errors import NotFound, TrackError
 from webapp.files.gate import budget_for
 from webapp.missions.core.trajectory.records import Sighting, Source
 from webapp.missions.core.trajectory.robotframe import Start
+from webapp.missions.files.drawn import FoundDrawing
 from webapp.missions.files.track_chunks import Findings, Skipped
 from webapp.missions.files.track_format import TrackFormat
 from webapp.missions.files.track_reader import FORMATS, kind_of
-from webapp.missions.store import batches, missions, tracks
+from webapp.missions.store import batches, drawings, missions, tracks
 from webapp.missions.store.schema import Mission, MissionSender, Track
 from webapp.missions.tasks import read_track
 from webapp.missions.tasks.import_order import Order, options_key
@@ -136,11 +137,13 @@ def import_track_file(
             if missing:
                 missions.count_change(mission)
                 _store(session, mission, parts=missing, ids=ids)
+    with write() as session:
+        drawn = _store_drawings(session, _mission(session, mission_id), findings.drawn, by=order.name)
     with library.database.read() as session:
         found = [session.get_one(Track, id) for id in ids.values()]
         made = tuple(ImportedTrack(t.id, t.source, t.name, t.poses, t.skipped, t.distance_m) for t in found)
     kind = survey.kind.title
-    new = stored < survey.parts
+    new = stored < survey.parts or drawn
     return TrackImport(
         mission_id,
         kind,
@@ -251,6 +254,18 @@ def _store(session: Session, mission: Mission, *, parts: list[Part], ids: dict[K
             )  # to the end of the file, not only to the last pose that is kept
     seen = [one for part in parts if not isinstance(part, TrackSegment) for one in part]
     batches.add_sightings(session, mission, seen=seen)
+
+
+def _store_drawings(session: Session, mission: Mission, found: list[FoundDrawing], *, by: str) -> bool:
+    """Add the drawings that the mission does not have; return whether there were any."""
+    new = [
+        one
+        for one in found
+        if not drawings.has_same(session, mission.id, kind=one.kind, name=one.name, points=one.points)
+    ]
+    for one in new:
+        drawings.add(session, mission, kind=one.kind, by=by, fields=one.fields())
+    return bool(new)
 
 
 def _tracks(

@@ -118,7 +118,9 @@ def inspect_file(
             objects += _take(piece, placer, found=found, anchors=anchors)
             progress.advance(len(piece.poses) if isinstance(piece, WorldPiece | RobotPiece) else 1)
     sources = tuple(gathered.source(*key) for key, gathered in found.items())
-    problem = "" if sources or objects else findings.nothing_usable()
+    problem = "" if sources or objects or findings.drawn else findings.nothing_usable()
+    if findings.drawn:
+        findings.note(f"drawings (search areas, lines, markers) in the file: {len(findings.drawn)}")
     doubts, notes = findings.doubts(), tuple(findings.notes)
     in_metres = any(source.frame == "robot" for source in sources)
     may = (("columns", head is not None), ("axes", in_metres and kind.has_axes))

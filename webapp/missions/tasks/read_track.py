@@ -140,7 +140,7 @@ def stream(
                     len(part.poses) + part.skipped if isinstance(part, TrackSegment) else len(part)
                 )
                 yield part
-        if not found:
+        if not found and not findings.drawn:
             raise TrackError(findings.nothing_usable())
 
 

@@ -66,10 +66,10 @@ class EventsQuery(Schema):
 @mission_role("viewer")
 @blueprint.input(EventsQuery, location="query", arg_name="query")
 @blueprint.doc(
-    description="Each event `changed` has `revision`, `ended_at`, `photos` (how many), `tracks` (the "
-    "changed ones as in the state, with their `new` points) and `objects` (the changed ones). Its id is a "
-    "cursor. The stream ends after a while, or at once where many are open: an `EventSource` reconnects by "
-    "itself.",
+    description="Each event `changed` has `revision`, `ended_at`, `photos` (how many), `drawings_revision` "
+    "(another number: they have changed), `tracks` (the changed ones as in the state, with `new` points) "
+    "and `objects` (the changed ones). Its id is a cursor. The stream ends after a while, or at once where "
+    "many are open: an `EventSource` reconnects by itself.",
     responses=file_answer("Server-sent events.", "text/event-stream"),
 )
 def events(mission_id: int, query: dict[str, Any]) -> Response:
@@ -154,6 +154,7 @@ def make_event(session: Session, mission: Mission, *, known: str | None) -> tupl
     data = {
         "revision": mission.revision,
         "ended_at": None if mission.ended_at is None else mission.ended_at.isoformat(timespec="seconds"),
+        "drawings_revision": mission.drawings_revision,
         "photos": missions.counts(session, mission.id)[2],
         "tracks": [
             _track(session, track, known=counts.get(track.id, 0 if before else track.poses - _AGAIN))

@@ -11,6 +11,7 @@ from apiflask.validators import Length, Range
 
 from webapp.missions.core.trajectory.records import SOURCES
 from webapp.missions.store import missions, shares
+from webapp.missions.store.robots import LEAST_SILENT_S, MOST_SILENT_S
 from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import delete
 from webapp.missions.tasks.preview import MissionPreview, preview_missions
@@ -149,6 +150,7 @@ class MissionState(MissionSummary):
 
     note = String()
     start = Nested(StartOut, allow_none=True)
+    drawings_revision = Integer(metadata={"description": "Another number means that drawings changed."})
     tracks = List(Nested(TrackOut))
     satellite = Nested(MissionSatelliteOut, allow_none=True)
     cursor = String(metadata={"description": "For the events: the state of the mission that is known."})
@@ -188,6 +190,12 @@ class MissionChange(Schema):
     )
     start = Nested(StartIn, allow_none=True)
     note = String(validate=Length(max=missions.MAX_NOTE))
+    silent_after_s = Float(
+        allow_none=True,
+        allow_nan=False,
+        validate=Range(LEAST_SILENT_S, MOST_SILENT_S),
+        metadata={"description": "Seconds after which a robot that is not heard is silent; null: no alarm."},
+    )
     keep = Boolean(metadata={"description": "true: its tracks are never thinned."})
 
 
@@ -231,6 +239,7 @@ def create(data: dict[str, Any]) -> dict[str, Any]:
             note=data.get("note", ""),
         )
         mission.keep = data.get("keep", False)
+        mission.silent_after_s = data.get("silent_after_s")
         return state.summary(session, mission, account=who)
 
 
@@ -257,6 +266,7 @@ def change(mission_id: int, data: dict[str, Any]) -> dict[str, Any]:
         row.note = missions.checked_note(data.get("note", row.note))
         row.start = data.get("start", row.start)
         row.keep = data.get("keep", row.keep)
+        row.silent_after_s = data.get("silent_after_s", row.silent_after_s)
         if "map" in data and map_id != row.map_id:
             if map_id is not None and shares.list_shares(session, row):
                 # Links to the mission show the image of its map, and only the map's owners may share that.

@@ -11,10 +11,12 @@ from flask import Response
 
 from webapp.errors import NotFound
 from webapp.files.photos.preview import Kind
+from webapp.missions.store import drawings as mission_drawings
 from webapp.missions.store import missions, reading, shares, tracks
 from webapp.missions.store import objects as mission_objects
 from webapp.missions.tasks import add_photo
 from webapp.missions.web import context, state
+from webapp.missions.web.api_drawings import CoverageOut, DrawingList, coverage_json, drawing_json
 from webapp.missions.web.api_missions import MissionSatelliteOut, TrackOut
 from webapp.missions.web.api_objects import ObjectHistory, ObjectOut, change_json
 from webapp.missions.web.api_tracks import (
@@ -50,6 +52,7 @@ class SharedMissionOut(Schema):
     name = String()
     revision = Integer(metadata={"description": "Counts the changes."})
     ended_at = String(allow_none=True)
+    drawings_revision = Integer(metadata={"description": "Another number means that drawings changed."})
     tracks = List(Nested(TrackOut))
     objects = Integer()
     photos = Integer(metadata={"description": "0 where none are shown."})
@@ -145,6 +148,27 @@ def one_object(token: str, object_id: str) -> dict[str, Any]:
         changes = mission_objects.changes(session, opened.mission.id, object_id)
         states = [{**change_json(one), "by": None, "note": ""} for one in changes]
         return {**state.shared_object(opened, row), "sightings": history, "changes": states}
+
+
+@blueprint.get("/drawings")
+@public
+@blueprint.output(DrawingList)
+def drawings(token: str) -> dict[str, Any]:
+    """List the search areas, lines and markers of a shared mission."""
+    with library().database.read() as session:
+        mission = shares.open_share(session, token).mission
+        found = mission_drawings.list_drawings(session, mission.id)
+    return {"drawings": [drawing_json(row, visitor=True) for row in found]}
+
+
+@blueprint.get("/coverage")
+@public
+@blueprint.output(CoverageOut)
+def coverage(token: str) -> dict[str, Any]:
+    """Get how much of each search area the tracks have covered."""
+    with library().database.read() as session:
+        mission = shares.open_share(session, token).mission
+    return coverage_json(mission.id)
 
 
 @blueprint.get("/photos")

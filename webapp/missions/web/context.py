@@ -16,6 +16,7 @@ from webapp.store.maps.maps import Role
 from webapp.web.context import View, account, authorized_by, library
 
 PATH_PARAMETERS: dict[str, dict[str, Any]] = {
+    "drawing_id": {"description": "Id of the drawing."},
     "file_id": {"description": "Id of the file that was sent."},
     "mission_id": {"description": "Id of the mission."},
     "object_id": {"description": "Id of the object, as the robot gave it."},

@@ -1,6 +1,7 @@
 """Round trip of exports: GPX, GeoJSON, TUM, KITTI."""
 
 import io
+import json
 import zipfile
 from dataclasses import replace
 
@@ -9,11 +10,12 @@ import pytest
 
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
-from webapp.missions.core.trajectory.outgoing import MissionExport
+from webapp.missions.core.trajectory.outgoing import ExportDrawing, MissionExport
 from webapp.missions.core.trajectory.records import join, make_poses
 from webapp.missions.files.geojson_writer import format_mission_geojson
 from webapp.missions.files.gpx_writer import format_mission_gpx
-from webapp.missions.files.readers import geojson_reader, gpx, trajectory_text
+from webapp.missions.files.kml_writer import format_mission_kml
+from webapp.missions.files.readers import geojson_reader, gpx, kml_reader, trajectory_text
 from webapp.missions.files.track_chunks import Findings, RobotPiece, WorldPiece
 from webapp.missions.files.trajectory_writer import format_kitti_zip, format_tum_zip
 
@@ -90,3 +92,47 @@ def test_trajectories_read_back(mission, write, layout):
         np.testing.assert_allclose(piece.poses.times_s, whole.times_s, atol=1e-6)
         (gps,) = trajectory_text.read(io.BytesIO(archive.read("1-gps.tum")), "tum", findings=Findings())
         assert np.isnan(gps.poses.yaw_rad).tolist() == np.isnan(first.heading_deg).tolist()
+
+
+@pytest.mark.parametrize(
+    ("write", "read"),
+    [(format_mission_kml, kml_reader.read), (format_mission_geojson, geojson_reader.read)],
+)
+def test_drawings_read_back(mission, write, read):
+    corners = tuple(LatLon(-16.8 + a, lon) for a, lon in ((0.0, 179.99), (0.0, -179.99), (0.01, -179.99)))
+    about = {"note": "first\nthen <b>", "assigned": "Team & 2"}
+    drawings = (
+        ExportDrawing(1, "area", "Slope <1>", corners, 5.0, 8.5, 9.0, **about),
+        ExportDrawing(2, "line", "Rope", corners[:2], 5.0),
+        ExportDrawing(3, "marker", "Post", corners[:1], 5.0),
+    )
+    findings = Findings()
+    pieces = list(read(io.BytesIO(b"".join(write(replace(mission, drawings=drawings)))), findings=findings))
+    before = list(read(io.BytesIO(b"".join(write(mission))), findings=Findings()))
+    assert len(pieces) == len(before)  # no drawing has become a track or an object
+    area, line, marker = findings.drawn
+    assert (area.name, area.assigned, area.radius_m, area.searched) == ("Slope <1>", "Team & 2", 8.5, True)
+    assert [found.kind for found in findings.drawn] == ["area", "line", "marker"]
+    for found, drawing in zip((area, line, marker), drawings, strict=True):
+        np.testing.assert_allclose(found.points, drawing.points, atol=1e-9)
+
+
+def test_drawings_of_files_are_checked():
+    crossing = [[0, 0], [1e-3, 1e-3], [1e-3, 0], [0, 1e-3], [0, 0]]
+    features = [
+        {"geometry": {"type": "Polygon", "coordinates": [crossing]}, "properties": {"drawing": "area"}},
+        {"geometry": {"type": "Point", "coordinates": [0, 0]}, "properties": {"drawing": "line"}},
+        {"geometry": None, "properties": {"drawing": "marker"}},
+        {
+            "geometry": {"type": "Point", "coordinates": [1, 2]},
+            "properties": {"drawing": "marker", "name": ["a"], "note": "\x00", "radius_m": "far"},
+        },
+    ]
+    data = json.dumps(
+        {"type": "FeatureCollection", "features": [{"type": "Feature"} | one for one in features]}
+    )
+    findings = Findings()
+    assert list(geojson_reader.read(io.BytesIO(data.encode()), findings=findings)) == []
+    (marker,) = findings.drawn
+    assert (marker.points, marker.note) == (((2.0, 1.0),), "")
+    assert [(one.reason, one.count) for one in findings.skipped()] == [("drawings with an invalid shape", 3)]

@@ -34,12 +34,25 @@ class BatchTrack:
 
 
 @dataclass(frozen=True, slots=True)
+class Status:
+    """How a robot is, as it says; None for what it does not say."""
+
+    robot: str  # Name of its tracks, perhaps empty
+    time_s: float  # Seconds since 1970, UTC
+    battery_percent: float | None
+    link_percent: float | None
+    mode: str | None
+    text: str | None
+
+
+@dataclass(frozen=True, slots=True)
 class Batch:
     """The records of a batch, in their order."""
 
     tracks: dict[TrackKey, BatchTrack]  # By source and name
     sightings: list[Sighting]
     ends: bool  # Whether the mission is over
+    statuses: list[Status] = field(default_factory=list)
 
 
 @dataclass(slots=True)
@@ -66,13 +79,15 @@ def parse(records: Sequence[object]) -> Batch:
 
     Args:
         records: As `webapp.robot.fields` defines them: `{"type": "pose", "time", "lat", "lon", ...}`,
-            `{"type": "object", "class", "time", "lat", "lon", ...}` or `{"type": "end"}`.
+            `{"type": "object", "class", "time", "lat", "lon", ...}` `{"type": "status", "time", ...}`
+            or `{"type": "end"}`.
 
     Raises:
         InputError: A record is invalid; `where` names it and its field: `records.17.lat`.
     """
     columns: dict[TrackKey, _Columns] = {}
     sightings: list[Sighting] = []
+    statuses: list[Status] = []
     ends = False
     for place, record in enumerate(records):
         try:
@@ -86,13 +101,15 @@ def parse(records: Sequence[object]) -> Batch:
             track.skipped += given.get("skipped", 0)
         elif type_ == "object":
             sightings.append(_sighting(given))
+        elif type_ == "status":
+            statuses.append(_status(given))
         else:
             ends = True
             for left_out in given.get("left_out", ()):
                 track = columns.setdefault(_track(left_out), _Columns())
                 track.skipped += left_out.get("skipped", 0)
                 track.travelled_m = left_out.get("travelled_m", math.nan)
-    return Batch({key: found.part() for key, found in columns.items()}, sightings, ends)
+    return Batch({key: found.part() for key, found in columns.items()}, sightings, ends, statuses)
 
 
 def _track(given: Mapping[str, Any]) -> TrackKey:
@@ -109,6 +126,11 @@ def _pose(given: Mapping[str, Any]) -> tuple[float, ...]:
         given.get("travelled_m", math.nan),
         *given.get("covariance", _NAN3),
     )
+
+
+def _status(given: Mapping[str, Any]) -> Status:
+    said = (given.get(name) for name in ("battery_percent", "link_percent", "mode", "text"))
+    return Status(given.get("track", ""), given["time"], *said)
 
 
 def _sighting(given: Mapping[str, Any]) -> Sighting:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from webapp.core.geo.types import LatLon
+from webapp.missions.core.drawings import Kind
 from webapp.missions.core.trajectory.records import Poses
 
 SOURCE_COLOURS = {
@@ -20,6 +21,10 @@ SOURCE_COLOURS = {
     "manual": "#56b4e9",
 }
 """Line colours by the source of the poses, as on the web pages."""
+
+
+DRAWING_COLOURS = {"open": "#6a3d9a", "assigned": "#b15928", "searched": "#1b7837", "line": "#d01c8b"}
+"""Line colours of areas by their state, and of other drawings, as on the web pages."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +88,37 @@ class ExportObject:
 
 
 @dataclass(frozen=True, slots=True)
+class ExportDrawing:
+    """A search area, a line or a marker that somebody drew."""
+
+    id: int
+    kind: Kind
+    name: str
+    points: tuple[LatLon, ...]  # An area is closed without repeating its first point
+    created_time_s: float  # Seconds since 1970, UTC
+    radius_m: float | None = None  # None except of areas
+    searched_time_s: float | None = None  # When the area was marked as searched, seconds since 1970, UTC
+    # What people wrote and who they are: empty or None where names are not exported.
+    note: str = ""
+    assigned: str = ""
+    searched_by: str | None = None
+    created_by: str | None = None
+
+    @property
+    def searched(self) -> bool | None:
+        """Whether an area was searched; None for other kinds."""
+        return self.searched_time_s is not None if self.kind == "area" else None
+
+    @property
+    def colour(self) -> str:
+        """Line colour, `#rrggbb`, as on the web pages."""
+        if self.kind != "area":
+            return DRAWING_COLOURS["line"]
+        state = "searched" if self.searched else "assigned" if self.assigned else "open"
+        return DRAWING_COLOURS[state]
+
+
+@dataclass(frozen=True, slots=True)
 class MissionExport:
     """A mission to export."""
 
@@ -90,3 +126,4 @@ class MissionExport:
     tracks: tuple[ExportTrack, ...]  # Those that have poses
     kinds: tuple[str, ...]  # The classes of its objects; of very many, a part
     objects: Callable[[], Iterable[ExportObject]]  # Yields the objects, in the order of their ids
+    drawings: tuple[ExportDrawing, ...] = ()  # In order of creation

@@ -1,5 +1,7 @@
 """GeoJSON (RFC 7946): lines are tracks; points are objects, or poses if they have times and no class.
 
+Features with the property `drawing` are search areas, lines and markers, as in our own export.
+
 Times of a line are in `coordinateProperties` (as in our own export), `coordTimes`, `times` or `timestamps`,
 in the feature or in its properties, nested like its coordinates.
 """
@@ -18,7 +20,9 @@ from webapp.core.geo.types import LatLon
 from webapp.errors import TrackError
 from webapp.files.exchange.geojson import EXPORT_WGS84, NO_PLANE, is_beyond_degrees, stated_plane
 from webapp.files.exchange.times import unix_time
+from webapp.missions.core.drawings import Kind
 from webapp.missions.core.trajectory.records import SOURCES, Sighting, Source
+from webapp.missions.files.drawn import GEOMETRIES, found_drawing, kind_of_drawing, turned_lon
 from webapp.missions.files.readers.line_buffer import LineBuffer, LinePoint, mostly_timed
 from webapp.missions.files.readers.time_units import LAST_S, ticks
 from webapp.missions.files.track_chunks import (
@@ -119,7 +123,27 @@ class _Features:
     def feature(self, feature: Mapping[str, Any]) -> Iterator[Piece]:
         self.number += 1
         self.points_of_feature = 0
+        kind = kind_of_drawing(_properties(feature))
+        if kind is not None:
+            self.drawing(kind, feature)
+            return
         yield from self.geometry(feature.get("geometry"), feature, depth=0)
+
+    def drawing(self, kind: Kind, feature: Mapping[str, Any]) -> None:
+        found = feature.get("geometry")
+        geometry = found if isinstance(found, dict) else {}
+        self._own = stated_plane(
+            geometry, stated_plane(feature, self.plane, error=TrackError), error=TrackError
+        )
+        places = _list(geometry.get("coordinates"))
+        if kind == "area":
+            places = _list(places[0]) if len(places) == 1 else []
+        elif kind == "marker":
+            places = [places]
+        points = [_point(place, math.nan, math.nan) for place in self.on_earth(places)]
+        fits = geometry.get("type") == GEOMETRIES[kind]
+        shape = [(point.lat, turned_lon(point.lon)) for point in points] if fits else []
+        self.findings.draw(found_drawing(kind, _properties(feature), shape), where=f"feature {self.number}")
 
     def geometry(self, geometry: Any, feature: Mapping[str, Any], *, depth: int) -> Iterator[Piece]:
         where = f"feature {self.number}"

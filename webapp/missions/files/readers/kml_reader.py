@@ -31,6 +31,7 @@ from webapp.files.exchange.times import unix_time
 from webapp.files.exchange.xml import child_text, local_name, number, walk
 from webapp.files.exchange.zip_directory import has_many_files
 from webapp.missions.core.trajectory.records import Sighting
+from webapp.missions.files.drawn import found_drawing, kind_of_drawing, turned_lon
 from webapp.missions.files.readers.line_buffer import LineBuffer, LinePoint, mostly_timed
 from webapp.missions.files.track_chunks import CHUNK, UNTIMED_OBJECTS, Findings, Piece, WorldObjects
 from webapp.missions.files.track_format import Beginning, FormatAbout, Selection, TrackFormat, opened
@@ -44,6 +45,7 @@ _UNUSED = {
     "NetworkLink": "links to other files, which are not followed",
     "GroundOverlay": "images on the ground, which are not tracks",
 }
+_SHAPES = {"LinearRing", "LineString", "Point"}
 _WORD = re.compile(r"\S+")
 
 MAX_BYTES = 200_000_000
@@ -98,6 +100,8 @@ def read(
             continue
         found.marks += 1
         mark = _Placemark(found.marks, " ".join(child_text(element, "name").split()), _time(element))
+        if _draw(element, mark, findings=findings):
+            continue
         for part in element.iter():
             kind = local_name(part)
             if kind in _UNUSED:
@@ -189,6 +193,23 @@ def _object(part: Element, mark: _Placemark, *, findings: Findings) -> Iterator[
         findings.note(UNTIMED_OBJECTS)
     at = None if math.isnan(height) else height
     yield WorldObjects((Sighting(name, "placemark", time_s, LatLon(lat, lon), at),))
+
+
+def _draw(placemark: Element, mark: _Placemark, *, findings: Findings) -> bool:
+    """Read a search area, a line or a marker of our own export; return whether it is one."""
+    about: dict[str, str] = {"name": mark.name}
+    for element in placemark.iter():
+        if local_name(element) == "Data":
+            about[element.get("name", "")] = child_text(element, "value")
+    kind = kind_of_drawing(about)
+    if kind is None:
+        return False
+    where = mark.name or f"placemark {mark.number}"
+    texts = [child_text(part, "coordinates") for part in placemark.iter() if local_name(part) in _SHAPES]
+    rows = _coordinates(texts[0] if len(texts) == 1 else "", findings=findings, where=where)
+    shape = [(lat, turned_lon(lon)) for lon, lat, _ in rows.tolist()]
+    findings.draw(found_drawing(kind, about, shape), where=where)
+    return True
 
 
 def _time(placemark: Element) -> float:

@@ -1,0 +1,172 @@
+"""How much of each search area of a mission its tracks have covered.
+
+Corrected and GPS tracks count; odometry, which drifts, only in a mission without them, and visual fixes and
+manual positions, of which each covers its own surroundings only, if there is nothing else.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from sqlalchemy.orm import Session
+
+from webapp.core.geo.local import LocalFrame, centre_of
+from webapp.missions.core.coverage import Coverage, joined_by_time
+from webapp.missions.core.trajectory.records import Poses
+from webapp.missions.store import drawings, tracks
+from webapp.missions.store.schema import MissionDrawing, Track
+from webapp.missions.tasks.track_display import tolerance_of
+from webapp.store.library import Library
+
+_SOURCES = (("fused", "gps"), ("odometry",), ("visual", "manual"))
+_UNJOINED = {"visual", "manual"}
+_BLOCK = 20_000
+_BEFORE = 64
+"""Poses before new ones that are read again, to know the usual interval."""
+
+_KEPT = 64
+"""Areas whose covered grid is in memory, up to a few megabytes each: new poses are added to it."""
+
+
+@dataclass(frozen=True, slots=True)
+class AreaCoverage:
+    """How much of an area was covered."""
+
+    id: int  # Of the drawing
+    share: float | None  # 0 to 1; None for an area too narrow to be measured
+    tracks: tuple[int, ...]  # Ids of the tracks that count
+    # False if poses of these tracks were removed by thinning: what was covered is then not known exactly.
+    exact: bool
+
+
+@dataclass(slots=True)
+class _Kept:
+    """The covered part of an area, and what it was computed from."""
+
+    coverage: Coverage
+    frame: LocalFrame
+    lock: threading.Lock = field(default_factory=threading.Lock)
+    counted: dict[int, tuple[object, int]] = field(default_factory=dict)
+    share: float | None = None
+
+
+class CoverageCache:
+    """The coverage of areas last asked for; it depends on their shape, the radius, and the poses only."""
+
+    def __init__(self, most: int = _KEPT) -> None:
+        self._most = most
+        self._lock = threading.Lock()
+        self._kept: OrderedDict[tuple[object, ...], _Kept] = OrderedDict()
+
+    def of_mission(self, library: Library, mission_id: int) -> list[AreaCoverage]:
+        """Compute the coverage of each area of a mission, in order of creation."""
+        with library.database.read() as session:
+            found = counting_tracks(tracks.list_tracks(session, mission_id))
+            areas = [row for row in drawings.list_drawings(session, mission_id) if row.kind == "area"]
+            ids = tuple(track.id for track in found)
+            exact = not any(track.removed for track in found)
+            return [
+                AreaCoverage(row.id, self._share(session, row, found, at=library.folder), ids, exact)
+                for row in areas
+            ]
+
+    def _share(
+        self, session: Session, row: MissionDrawing, found: list[Track], *, at: object
+    ) -> float | None:
+        kept = self._entry((at, row.mission_id, row.points, row.radius_m), row)
+        with kept.lock:
+            if not _has_grown(kept, found):
+                kept.coverage.clear()
+                kept.counted = {}
+            new = [track for track in found if kept.counted.get(track.id, (None, -1))[1] != track.poses]
+            for track in new:
+                first = kept.counted.get(track.id, (None, 0))[1]
+                _add(session, kept, track, first=first)
+                kept.counted[track.id] = (_marks(track), track.poses)
+            if new or kept.share is None:
+                kept.share = kept.coverage.share
+            return kept.share
+
+    def _entry(self, key: tuple[object, ...], row: MissionDrawing) -> _Kept:
+        with self._lock:
+            kept = self._kept.get(key)
+            if kept is None:
+                points = drawings.points_of(row)
+                frame = LocalFrame(centre_of(points))
+                assert row.radius_m is not None, "areas have a radius"
+                kept = self._kept[key] = _Kept(Coverage(frame.enu_from_latlon(points), row.radius_m), frame)
+            self._kept.move_to_end(key)
+            while len(self._kept) > self._most:
+                self._kept.popitem(last=False)
+            return kept
+
+
+def counting_tracks(found: Sequence[Track]) -> list[Track]:
+    """Return the tracks that count for the coverage of a mission."""
+    for sources in _SOURCES:
+        some = [track for track in found if track.source in sources and track.poses]
+        if some:
+            return some
+    return []
+
+
+def _marks(track: Track) -> object:
+    """Return values that change if poses of a track were replaced, not only appended."""
+    rewritten = (track.poses, track.distance_m, track.last_time_s) if track.source == "fused" else None
+    return track.removed, track.thinned_poses, track.timed, rewritten
+
+
+def _has_grown(kept: _Kept, found: Sequence[Track]) -> bool:
+    """Return whether at most new tracks and new poses were added."""
+    now = {track.id: track for track in found}
+    return all(
+        id in now and marks == _marks(now[id]) and count <= now[id].poses
+        for id, (marks, count) in kept.counted.items()
+    )
+
+
+def _add(session: Session, kept: _Kept, track: Track, *, first: int) -> None:
+    for poses, number in _parts(session, kept, track, first=first):
+        if track.source in _UNJOINED or (track.removed and track.thinned_m is None):
+            joined = np.zeros(max(len(poses) - 1, 0), dtype=np.bool_)
+        elif not track.timed:
+            joined = np.ones(max(len(poses) - 1, 0), dtype=np.bool_)
+        else:
+            joined = joined_by_time(poses.times_s)
+            # where poses were left out on purpose, the intervals say nothing
+            joined |= np.arange(number + 1, number + len(poses)) < track.thinned_poses
+        kept.coverage.add(kept.frame.enu_from_latlon(poses.latlon), joined)
+
+
+def _parts(session: Session, kept: _Kept, track: Track, *, first: int) -> Iterator[tuple[Poses, int]]:
+    """Yield poses that may be near the area, each part with its first number, and some before it."""
+    pieces = [one for one in tracks.list_pieces(session, track, level=0) if one.first_number >= first]
+    end = first
+    for piece in pieces:
+        begin, end = piece.first_number, piece.first_number + piece.count
+        if begin == pieces[0].first_number and begin > first:
+            yield _read(session, track, first, end=begin)
+        if _is_near(kept, piece.bounds):
+            yield _read(session, track, begin, end=end)
+    for begin in range(end, track.poses, _BLOCK):
+        yield _read(session, track, begin, end=begin + _BLOCK)
+
+
+def _read(session: Session, track: Track, begin: int, *, end: int) -> tuple[Poses, int]:
+    begin = max(begin - _BEFORE, 0)
+    return tracks.read(session, track, first=begin, stop=end + 1), begin
+
+
+def _is_near(kept: _Kept, bounds: tuple[float, float, float, float]) -> bool:
+    south, west, north, east = bounds
+    if east - west > 180.0:
+        return True
+    corners = kept.frame.enu_from_latlon([(south, west), (south, east), (north, west), (north, east)])
+    pad = kept.coverage.radius_m + tolerance_of(0) + 1.0
+    low, high = kept.coverage.outline.min(axis=0) - pad, kept.coverage.outline.max(axis=0) + pad
+    far = float(np.abs(corners).max()) > 1e6  # the plane bends far away: look at the poses
+    return far or bool((corners.min(axis=0) <= high).all() and (corners.max(axis=0) >= low).all())
