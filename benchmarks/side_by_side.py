@@ -15,7 +15,9 @@ command.
   got a place with a probability of at least 0.5
 - cost of a query: milliseconds, medians except p95; "/base" is relative to the baseline's median query; CPU
   is of all cores together, and unknown for the other program, whose build dominates it;
-  KB/photo = (peak of a localizing process - the same on a map of one photo) / photos
+  KB/photo = (peak of a localizing process - the same on a map of one photo) / photos, of which "private" is
+  not in mapped files; all threads share one heap, without which this varies by 200 KB/photo on small maps.
+  The difference includes what a query takes more where there are photos to compare it with
 - build: seconds per photo for keypoints and index, wall time and of all cores; then orienting and calibrating
 
 Other work on the machine makes all times worse: "load" is the load average when the measurement began.
@@ -82,6 +84,7 @@ COST = {
     "p95/base": plain("p95_over_baseline", 2),
     "CPU": plain("cpu_seconds_per_query", 1, times=1e3),
     "KB/photo": plain("memory_kb_per_photo", 1),
+    "private": plain("private_kb_per_photo", 1),
     "disk KB": plain("disk_kb_per_photo", 1),
     "load": plain("load", 1),
 }
@@ -214,10 +217,10 @@ def _baseline(program: Path, subject: Subject, *, features: str, limit: int) -> 
     kind = ["--features", features]
     where = [str(subject.map), str(subject.queries), *kind]
     built = run([*call, *where, "--limit", "1"])
-    whole = run([*call, *where, *(["--limit", str(limit)] if limit else [])])
+    whole = run([*call, *where, *(["--limit", str(limit)] if limit else [])], one_heap=True)
     queries = subject.one_photo.with_name("queries.csv")
     queries.write_text("\n".join(["path;x;y", *(f"{path};0;0" for path in subject.asked)]) + "\n", "utf-8")
-    small = run([*call, str(subject.one_photo), str(queries), *kind])
+    small = run([*call, str(subject.one_photo), str(queries), *kind], one_heap=True)
     figures = whole.printed
     seconds = built.printed.get("map_extract_s", 0.0) + built.printed.get("map_index_s", 0.0)
     return {
@@ -290,14 +293,18 @@ def _asked(subject: Subject, options: list[str], *, limit: int) -> dict[str, Any
 def _cost(subject: Subject, options: list[str], *, one_photo_index: Path) -> dict[str, Any]:
     """Measure CPU seconds and memory of processes that do nothing but localize."""
     asked = [*subject.fov, *options, "--json"]
-    one = _expmap("localize", str(subject.map), subject.asked[0], *asked)
-    many = _expmap("localize", str(subject.map), *subject.asked, *asked)
+    one = _expmap("localize", str(subject.map), subject.asked[0], *asked, one_heap=True)
+    many = _expmap("localize", str(subject.map), *subject.asked, *asked, one_heap=True)
     elsewhere = ["--index", str(one_photo_index)]
     _expmap("localize", str(subject.one_photo), subject.asked[0], *asked, *elsewhere)  # builds the index
-    small = _expmap("localize", str(subject.one_photo), *subject.asked, *asked, *elsewhere)
+    small = _expmap("localize", str(subject.one_photo), *subject.asked, *asked, *elsewhere, one_heap=True)
+    private = None
+    if many.private_mb is not None and small.private_mb is not None:
+        private = per_photo_kb(many.private_mb, small.private_mb, photos=subject.photos)
     return {
         "cpu_seconds_per_query": each(many.cpu_seconds, one.cpu_seconds, more=len(subject.asked) - 1),
         "memory_kb_per_photo": per_photo_kb(many.peak_rss_mb, small.peak_rss_mb, photos=subject.photos),
+        "private_kb_per_photo": private,
         "localizing_peak_mb": many.peak_rss_mb,
         "one_photo_peak_mb": small.peak_rss_mb,
     }
@@ -308,10 +315,11 @@ def _foreign(subject: Subject, options: list[str]) -> dict[str, Any]:
     return strangers(_expmap("localize", str(subject.map), *subject.foreign, *where).printed)
 
 
-def _expmap(command: str, *arguments: str) -> Run:
+def _expmap(command: str, *arguments: str, one_heap: bool = False) -> Run:
     return run(
         [sys.executable, "-m", "webapp.app.main", command, *arguments],
         accepted=(0, SOME_FAILED) if command == "localize" else (0,),
+        one_heap=one_heap,
     )
 
 

@@ -117,6 +117,19 @@ def test_what_a_program_took_is_measured():
     assert done.peak_rss_mb > 100
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="there is no /proc")
+def test_private_memory_is_that_without_mapped_files(tmp_path):
+    file = tmp_path / "mapped"
+    file.write_bytes(bytes(80 << 20))
+    work = "import mmap, os, time; t = bytearray(50 << 20); t[::4096] = b'x' * len(t[::4096])\n"
+    work += f"m = mmap.mmap(os.open({str(file)!r}, os.O_RDONLY), 0, prot=mmap.PROT_READ); s = m[::4096]\n"
+    work += "time.sleep(0.3); print('\"%s\"' % os.environ.get('MALLOC_ARENA_MAX'))"
+    done = processes.run([sys.executable, "-c", work], one_heap=True)
+    assert done.printed == "1"
+    assert done.private_mb is not None and 50 < done.private_mb < 80
+    assert done.peak_rss_mb > done.private_mb + 70
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no such figures of a process on Windows")
 def test_a_program_that_fails_is_reported_with_its_messages():
     fails = [

@@ -4,10 +4,14 @@ import re
 
 import pytest
 
+from webapp.web.pages import ACCEPTED
 from webapp.web.static_files import EVERY_SCRIPT, LIBRARIES, bundle_scripts
 
 IMPORT = re.compile(r'^(?:import|export)\s(?:[^;"]*?\sfrom\s)?"([^"]+)";', re.M)
 SCRIPT_LIST = re.compile(r"{% set scripts = (.*?) %}")
+FILE_FIELD = re.compile(r'<input[^>]*type="file"[^>]*>')
+DERIVED = re.compile(r'accept="\{\{ accepted\.(\w+) \}\}"')
+TYPED_SUFFIXES = re.compile(r"accept: [\"'`]|[\"'`]\.\w+, *\.\w+|\\\.\(\w+(\|\w+)+\)\$")
 NETWORK = re.compile(r"\bfetch\(|XMLHttpRequest|EventSource\(|sendBeacon|WebSocket\(")
 
 
@@ -84,3 +88,39 @@ def test_every_script_can_be_a_part_of_a_bundle(folder, imports):
 def test_script_names_are_lower_case_with_hyphens(imports):
     plain = re.compile(r"(?:[a-z]+/)*[a-z0-9]+(?:-[a-z]+)*\.js")
     assert [name for name in imports if not plain.fullmatch(name)] == []
+
+
+def test_what_file_fields_accept_comes_from_the_formats_of_the_server(project, folder, imports):
+    """A format is accepted everywhere once it is read: no template or script lists suffixes by hand."""
+    named = set()
+    for path in (project / "templates").rglob("*.html"):
+        for field in FILE_FIELD.findall(path.read_text("utf-8")):
+            found = DERIVED.search(field)
+            named |= {found[1]} if found else set()
+            is_camera, is_folder = 'accept="image/*" capture=' in field, "webkitdirectory" in field
+            assert found or is_camera or is_folder, f"{path.name}: {field}"
+    scripts = {name: (folder / name).read_text("utf-8") for name in imports}
+    assert {name: hit[0] for name, text in scripts.items() if (hit := TYPED_SUFFIXES.search(text))} == {}
+    for text in scripts.values():
+        named |= {*re.findall(r"ACCEPTED\.(\w+)", text), *re.findall(r'isAmong\(\w+, "(\w+)"\)', text)}
+    assert named == set(ACCEPTED)
+
+
+def test_pages_whose_scripts_need_what_is_accepted_have_it_in_their_data(project, imports):
+    def reached(entry):
+        found, new = set(), {entry}
+        while new:
+            found |= new
+            new = {target for name in new for target in imports[name]} - found
+        return found
+
+    needing = set()
+    for path in (project / "templates").rglob("*.html"):
+        text = path.read_text("utf-8")
+        entries = [
+            f"{name}.js" for found in SCRIPT_LIST.findall(text) for name in re.findall(r'"([^"]+)"', found)
+        ]
+        if any("shared/accepted.js" in reached(entry) for entry in entries):
+            needing.add(path.name)
+            assert '"accepted": accepted' in text, path.name
+    assert "editor.html" in needing

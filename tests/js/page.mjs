@@ -3,6 +3,7 @@
 const scale = Array.from({ length: 101 }, (_, percent) => `fill ${percent}`);
 const data = {
   i18n: { language: "en", plurals: ["one", "other"], messages: { Hello: "Ahoj", "{n} photo": ["{n} fotka", "{n} fotek"] } },
+  accepted: { sidecars: ".json,.xmp", positions: ".cfg,.gpx,text/plain" },
   written: [{ name: "note", kind: "note", label: "Note", most: 4000, lines: true }, { name: "sky", kind: "sky", label: "Sky", most: 60, lines: false }],
   colours: { scale, text: scale.map((name) => name.replace("fill", "text")) },
 };

@@ -1,6 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
+import "./page.mjs";
+import { isAmong } from "../../static/js/shared/accepted.js";
 import { besidePhoto, isSidecar } from "../../static/js/shared/sidecars.js";
 
 const file = (name, folder = "") => ({ name, size: 10, webkitRelativePath: folder && `${folder}/${name}` });
@@ -8,6 +10,10 @@ const names = (photo, others) => besidePhoto(file(photo), others.map((name) => f
 
 test("files beside photos are known by their suffix", () => {
   assert.deepEqual(["a.xmp", "a.JPG.JSON", "a.jpg", "a.gpx"].map((name) => isSidecar({ name })), [true, true, false, false]);
+});
+
+test("files are known by the suffixes that a field accepts, not by media types", () => {
+  assert.deepEqual(["A.CFG", "a.gpx", "a.plain", "cfg"].map((name) => isAmong({ name }, "positions")), [true, true, false, false]);
 });
 
 test("those that may belong to a photo are sent with it", () => {

@@ -22,6 +22,7 @@ from webapp.core.hypotheses.jsonform import answer_to_json
 from webapp.core.hypotheses.model import Answer, Hypothesis
 from webapp.errors import PhotoError
 from webapp.extras import require
+from webapp.files.decode import PHOTO_SUFFIXES
 from webapp.files.photos.photo import read_upright
 from webapp.render.answer_pictures import map_picture, match_picture
 from webapp.render.colours import probability_colour
@@ -34,7 +35,6 @@ _POLL_S = 1.0
 """Polling interval of folders."""
 
 _SIDE_PX = 1600
-_ENDINGS = (".jpg", ".jpeg", ".png", ".webp", ".heic", ".heif", ".tif", ".tiff")
 
 
 def sink_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -158,7 +158,7 @@ class WatchedPhotos:
     def _inside(self) -> Iterator[Path]:
         for path in self._given:
             if path.is_dir():
-                yield from sorted(p for p in path.iterdir() if p.suffix.lower() in _ENDINGS)
+                yield from sorted(p for p in path.iterdir() if p.suffix.lower() in PHOTO_SUFFIXES)
             else:
                 yield path
 

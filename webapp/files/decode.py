@@ -8,10 +8,10 @@ import mmap
 import re
 import struct
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -22,18 +22,40 @@ from PIL import Image, UnidentifiedImageError
 from webapp.errors import PhotoError
 from webapp.settings import PhotoLimits
 
-FORMATS = ("JPEG", "PNG", "HEIF", "AVIF", "WEBP", "TIFF", "BMP", "JPEG2000", "GIF")
-"""Accepted formats, recognised by content and not by the file's suffix."""
+
+class ImageFormat(NamedTuple):
+    """A format of images that are read; it is recognised by content and not by the file's suffix."""
+
+    media_types: tuple[str, ...]
+    suffixes: tuple[str, ...]  # in lower case; the first is that of stored files
+    is_photo: bool = True  # whether files in a folder with these suffixes count as photos
+
+
+IMAGE_FORMATS: Mapping[str, ImageFormat] = {
+    "JPEG": ImageFormat(("image/jpeg",), (".jpg", ".jpeg", ".jpe")),
+    "PNG": ImageFormat(("image/png",), (".png",)),
+    "HEIF": ImageFormat(("image/heic", "image/heif"), (".heic", ".heif")),
+    "AVIF": ImageFormat(("image/avif",), (".avif",)),
+    "WEBP": ImageFormat(("image/webp",), (".webp",)),
+    "TIFF": ImageFormat(("image/tiff",), (".tif", ".tiff")),
+    "BMP": ImageFormat(("image/bmp",), (".bmp",)),
+    "JPEG2000": ImageFormat(("image/jp2",), (".jp2",)),
+    "GIF": ImageFormat(("image/gif",), (".gif",), is_photo=False),
+}
+"""By their names in Pillow. What pages accept, and the suffixes of stored photos, follow from it."""
+
+FORMATS = tuple(IMAGE_FORMATS)
 
 DAMAGED = (SyntaxError, ValueError, TypeError, KeyError, IndexError, EOFError, RuntimeError, struct.error)
 """Exceptions of Pillow for damaged files and metadata, besides OSError; fuzzing found no others."""
 
 Pixels = NDArray[np.uint8]
 
-PHOTO_SUFFIXES = frozenset(
-    {".jpg", ".jpeg", ".jpe", ".png", ".heic", ".heif", ".webp", ".tif", ".tiff", ".bmp", ".avif", ".jp2"}
-)
+PHOTO_SUFFIXES = frozenset(s for entry in IMAGE_FORMATS.values() if entry.is_photo for s in entry.suffixes)
 """Suffixes, in lower case, of the files in a folder that count as photos."""
+
+_MANY_IN_ONE = "MPO"
+"""What Pillow calls a JPEG with several images."""
 
 _ANY_SIZE = PhotoLimits(max_mb=math.inf, max_megapixels=math.inf)
 _SMALL = (64, 64)
@@ -110,7 +132,7 @@ def open_image(source: Path | bytes, *, limits: PhotoLimits) -> Iterator[Image.I
                 _check_side(image)
                 _check_colours(image)
                 _check_tiles(image)
-                if image.format in ("JPEG", "MPO"):
+                if image.format in ("JPEG", _MANY_IN_ONE):
                     check_scans(source)
                 if not image.mode.startswith("I") and any(";16" in str(tile) for tile in image.tile):
                     image.info[_OF_16_BITS] = source
@@ -131,6 +153,11 @@ def open_image(source: Path | bytes, *, limits: PhotoLimits) -> Iterator[Image.I
             raise PhotoError(f"it cannot be read: {error.strerror}", where=where) from error
         except DAMAGED as error:
             raise PhotoError(f"it is damaged: {error}", where=where) from error
+
+
+def stored_suffix(name: str) -> str:
+    """Return the suffix of a stored file, without its dot, by the name of its format in Pillow."""
+    return IMAGE_FORMATS["JPEG" if name == _MANY_IN_ONE else name].suffixes[0].removeprefix(".")
 
 
 def is_jpeg_xl(source: Path | bytes) -> bool:
@@ -187,7 +214,7 @@ def decode(image: Image.Image, mode: Literal["L", "RGB"]) -> Pixels:
     Returns:
         (h, w) or (h, w, 3) uint8
     """
-    if mode == "L" and image.format in ("JPEG", "MPO") and image.mode == "RGB":
+    if mode == "L" and image.format in ("JPEG", _MANY_IN_ONE) and image.mode == "RGB":
         # decode the stored luma itself rather than convert it to colours and back to grey
         image.draft("L", image.size)
     colours = _dark_colours(image)

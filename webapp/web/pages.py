@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from decimal import Decimal
@@ -15,6 +15,12 @@ from werkzeug.wrappers import Response
 
 from webapp.core.texts import significant
 from webapp.extras import is_installed
+from webapp.files.decode import IMAGE_FORMATS
+from webapp.files.exchange import gpx, map_zip
+from webapp.files.localize import models
+from webapp.files.maps import positions
+from webapp.files.photos import sidecars
+from webapp.files.satellite.georeference_files import CORNER_SUFFIX, worldfile_suffixes
 from webapp.store.clock import now
 from webapp.web import language
 from webapp.web.accounts import sessions
@@ -23,6 +29,30 @@ _THEMES = ("light", "dark")
 _MARK = "_expmap_page"
 FIRST_CHAPTER = "make-a-map#1-a-new-map-and-its-image"
 """The chapter after the installation: readers of the manual are already signed in."""
+
+_IMAGE_SUFFIXES = [suffix for entry in IMAGE_FORMATS.values() for suffix in entry.suffixes]
+_IMAGE_TYPES = [kind for entry in IMAGE_FORMATS.values() for kind in entry.media_types]
+
+
+def _field(*parts: Iterable[str]) -> str:
+    return ",".join(dict.fromkeys(part for some in parts for part in some))
+
+
+ACCEPTED: Mapping[str, str] = {
+    "photos": _field(["image/*"], _IMAGE_SUFFIXES),
+    "photos_and_sidecars": _field(["image/*"], _IMAGE_SUFFIXES, sorted(sidecars.SUFFIXES)),
+    "sidecars": _field(sorted(sidecars.SUFFIXES)),
+    # No `image/*`: with it, phones offer the gallery only, where no GeoTIFF is.
+    "map_images": _field(_IMAGE_TYPES, _IMAGE_SUFFIXES),
+    "world_files": _field(*map(worldfile_suffixes, _IMAGE_SUFFIXES), ["text/plain"]),
+    "corners": _field([CORNER_SUFFIX], ["application/json"]),
+    "positions": _field(positions.SUFFIXES),
+    "tracks_of_photos": _field([gpx.SUFFIX]),
+    "map_zips": _field([map_zip.SUFFIX], ["application/zip"]),
+    "models": _field([models.SUFFIX]),
+}
+"""Values of the attribute `accept`, by what is chosen; for missions: `accepted` of their readers."""
+
 
 View = TypeVar("View", bound=Callable[..., Any])
 
@@ -112,6 +142,7 @@ def help_address() -> str:
 def _common() -> dict[str, Any]:
     theme = request.cookies.get("expmap-theme")
     return {
+        "accepted": ACCEPTED,
         "account": sessions.signed_in(),
         "installed": is_installed,
         "language": language.current(),

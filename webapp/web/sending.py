@@ -10,6 +10,7 @@ from typing import cast
 
 from flask import Response, send_file
 
+from webapp.files.decode import IMAGE_FORMATS
 from webapp.files.photos.preview import Kind
 from webapp.tasks.exchange.export_source import Download
 from webapp.tasks.maps import pictures
@@ -19,8 +20,8 @@ from webapp.web.context import library, repeated_check, settings
 CHECK_S = 1.0
 """Seconds between two checks of the right to get what is being sent; a check takes some milliseconds."""
 
-_MEDIA_TYPES = {".webp": "image/webp"}
-"""Media types that Python before 3.13 does not know if the system has no list of them."""
+_MEDIA_TYPES = {s: entry.media_types[0] for entry in IMAGE_FORMATS.values() for s in entry.suffixes}
+"""By suffix: without a list of the system, Python does not know all of them."""
 
 
 def send_immutable(path: Path, *, etag: str) -> Response:

@@ -1,5 +1,6 @@
 /** The dialog for a list of positions: choice of columns, and a preview of the placing. */
 
+import { ACCEPTED } from "../shared/accepted.js";
 import { columnChoice } from "../shared/column-choice.js";
 import { errorLine, field, openDialog } from "../shared/dialogs.js";
 import { h } from "../shared/dom.js";
@@ -8,8 +9,6 @@ import { labelled, t, tn } from "../shared/i18n.js";
 import { debounce } from "../shared/timing.js";
 import { nameList } from "./name-list.js";
 import { offer, placeButton, placeOnClick } from "./place-button.js";
-
-export const LIST_TYPES = ".cfg,.csv,.tsv,.txt,.geojson,.json,.kml,.gpx,.gpkg";
 
 /** @type {import("../shared/column-choice.js").Field[]} */
 const PHOTO_COLUMNS = [
@@ -28,7 +27,7 @@ const PHOTO_COLUMNS = [
  * @param {function(Object, string): void} report
  */
 export function listDialog({ server, refresh, dots, view }, given, report) {
-  const file = h("input", { class: "input", type: "file", accept: LIST_TYPES, "data-testid": "list-file" });
+  const file = h("input", { class: "input", type: "file", accept: ACCEPTED.positions, "data-testid": "list-file" });
   const columns = columnChoice(PHOTO_COLUMNS, ({ name }, text) => !/\.cfg$/i.test(name) && !/^\ufeff?\s*([{<]|SQLite format 3)/.test(text));
   const movePlaced = h("input", { type: "checkbox", "data-testid": "list-move" });
   const moveLine = h("label", { class: "row", hidden: true }, movePlaced, t("Also move placed photos"));

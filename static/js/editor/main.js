@@ -1,5 +1,6 @@
 /** The page to place photos on the image of a map: creates its parts and connects them. */
 
+import { isAmong } from "../shared/accepted.js";
 import { byId, targetOf } from "../shared/dom.js";
 import { listenToDrops, listenToPastes, usable } from "../shared/drop-files.js";
 import { takeNotes } from "../shared/kept-notes.js";
@@ -125,7 +126,7 @@ function takeFiles() {
   const bulk = bulkPlacing(page);
   connectBlurBar(page);
   const take = async (files) => {
-    const lists = files.filter(({ name }) => /\.(cfg|csv|tsv|txt|json|geojson|kml|gpx)$/i.test(name));
+    const lists = files.filter((file) => isAmong(file, "positions"));
     const photos = files.filter((file) => !lists.includes(file));
     if (photos.length) uploads.add(files.filter((file) => !lists.includes(file) || isSidecar(file)));
     else if (lists.length) (await isTrack(lists[0]) ? bulk.track : bulk.positions)(lists[0]);
@@ -152,7 +153,7 @@ function closeChosen() {
 
 /** Whether a file is a track; a GPX file with only waypoints is a list of positions. @param {File} file */
 async function isTrack(file) {
-  return /\.gpx$/i.test(file.name) && (await file.text()).includes("<trkpt");
+  return isAmong(file, "tracks_of_photos") && (await file.text()).includes("<trkpt");
 }
 
 function zoomButtons() {

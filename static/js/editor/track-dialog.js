@@ -1,5 +1,6 @@
 /** The dialog to place photos by a GPX track: clock offset, time zone, and a preview. */
 
+import { ACCEPTED } from "../shared/accepted.js";
 import { errorLine, field, openDialog } from "../shared/dialogs.js";
 import { h } from "../shared/dom.js";
 import { labelled, t, tn } from "../shared/i18n.js";
@@ -14,7 +15,7 @@ import { offer, placeButton, placeOnClick } from "./place-button.js";
  * @param {function(Object, string): void} report
  */
 export function trackDialog({ server, refresh, dots, view }, given, report) {
-  const file = h("input", { class: "input", type: "file", accept: ".gpx" });
+  const file = h("input", { class: "input", type: "file", accept: ACCEPTED.tracks_of_photos });
   const offset = h("input", { class: "input", type: "number", step: "any", value: 0, inputmode: "decimal" });
   const zone = h("input", { class: "input", value: Intl.DateTimeFormat().resolvedOptions().timeZone || "UTC" });
   const gap = h("input", { class: "input", type: "number", min: 1, value: 60, inputmode: "numeric" });

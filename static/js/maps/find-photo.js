@@ -1,5 +1,6 @@
 /** "Which map is this?": a dialog that searches for a photo on all maps. */
 
+import { ACCEPTED } from "../shared/accepted.js";
 import { WaitingWords } from "../shared/answer/waiting-words.js";
 import { upload } from "../shared/api.js";
 import { busy, errorLine, openDialog } from "../shared/dialogs.js";
@@ -12,7 +13,7 @@ const SHOWN = 5;
 
 /** Open the dialog. */
 export function findPhoto() {
-  const input = h("input", { type: "file", accept: "image/*,.heic,.heif", hidden: true, "aria-label": t("Photo"), "data-testid": "find-input" });
+  const input = h("input", { type: "file", accept: ACCEPTED.photos, hidden: true, "aria-label": t("Photo"), "data-testid": "find-input" });
   const choose = h("button", { class: "button button--primary", type: "button", onclick: () => input.click() }, icon("image"), t("Choose a photo"));
   const results = h("div", { class: "stack", role: "status", "data-testid": "find-results" });
   const error = errorLine();

@@ -1,12 +1,14 @@
 /** Files beside photos that may say where these were taken: `.xmp`, and the JSON of Google Takeout. */
 
+import { isAmong } from "./accepted.js";
+
 const MOST = 3;
 const MOST_BYTES = 150000;
 const CUT_AT = 40; // Google cuts off longer names
 
 /** @param {File} file */
-export function isSidecar({ name }) {
-  return /\.(xmp|json)$/i.test(name);
+export function isSidecar(file) {
+  return isAmong(file, "sidecars");
 }
 
 /**

@@ -5,6 +5,7 @@ import re
 
 import pytest
 
+from webapp.files.decode import IMAGE_FORMATS
 from webapp.resources import resource_folder
 from webapp.store.accounts import accounts
 from webapp.store.maps import maps
@@ -71,3 +72,22 @@ def test_who_may_only_look_finds_no_tools(library, sign_in, new_account, slug):
 
 def test_a_map_of_others_is_not_found(sign_in, new_account, slug):
     assert sign_in(new_account("Stranger")).get(f"/maps/{slug}/edit").status_code == 404
+
+
+def test_its_file_fields_accept_each_format_that_is_read(page):
+    text = page.get_data(as_text=True)
+    accepted = {
+        id: set(found.split(","))
+        for id, found in re.findall(r'id="([\w-]+)" type="file"[^>]*? accept="([^"]*)"', text)
+    }
+    suffixes = {suffix for entry in IMAGE_FORMATS.values() for suffix in entry.suffixes}
+    assert accepted["photo-input"] == suffixes | {"image/*", ".xmp", ".json"}
+    assert (
+        accepted["satellite-input"] - {kind for e in IMAGE_FORMATS.values() for kind in e.media_types}
+        == suffixes
+    )
+    sent = json.loads(
+        re.search(r'<script type="application/json" id="accepted">(.*?)</script>', text, re.S)[1]
+    )
+    assert sent["positions"] == ".cfg,.csv,.tsv,.txt,.geojson,.json,.kml,.gpx"
+    assert sent["map_images"].split(",")[0] == "image/jpeg"

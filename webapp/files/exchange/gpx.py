@@ -15,6 +15,8 @@ from webapp.errors import TrackError
 from webapp.files.exchange.times import unix_time
 from webapp.files.exchange.xml import child_text, local_name, number, walk
 
+SUFFIX = ".gpx"
+
 MAX_BYTES = 30_000_000
 """Limit of `parse_gpx`, which reads from memory."""
 

@@ -23,7 +23,7 @@ from webapp.core.mapmodel.findings import quoted
 from webapp.core.mapmodel.paths import name_problem
 from webapp.errors import InputError, MapError, PhotoError
 from webapp.files.atomic import storage_error
-from webapp.files.decode import PHOTO_SUFFIXES, image_size
+from webapp.files.decode import IMAGE_FORMATS, image_size
 from webapp.files.exchange.zip_directory import has_many_files
 from webapp.files.exchange.zip_names import names_of
 from webapp.files.listing import folded
@@ -31,6 +31,8 @@ from webapp.files.maps.map_json import parse_map_json
 from webapp.files.part_file import check_space
 from webapp.progress import Progress
 from webapp.settings import ImportLimits
+
+SUFFIX = ".zip"
 
 _SMALL = 1_000_000
 """Bytes of a file up to which its compression ratio is not checked: text compresses well."""
@@ -56,7 +58,7 @@ _TITLE_BYTES = 5000
 
 _MAX_NAME_BYTES = 200
 _TEXT = frozenset({".cfg", ".json", ".xmp"})
-_WANTED = PHOTO_SUFFIXES | _TEXT | {".gif"}
+_WANTED = _TEXT.union(*(entry.suffixes for entry in IMAGE_FORMATS.values()))
 _IGNORED_FOLDERS = frozenset({"__MACOSX", "derived"})
 _BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError, ValueError)
 """Exceptions of `zipfile` for damaged, encrypted and unknown content."""

@@ -30,6 +30,8 @@ from webapp.errors import InputError, MissingPart, UsageError
 from webapp.extras import is_installed
 from webapp.files.atomic import read_bytes
 
+SUFFIX = ".onnx"
+
 _MOST_BYTES = 2**31 - 1
 """Limit of Protocol Buffers, in which ONNX files are written."""
 

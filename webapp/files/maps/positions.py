@@ -32,6 +32,7 @@ from webapp.files.maps.cfg import read_cfg
 from webapp.files.maps.position_tables import ListedPosition, checked_heading, from_plane, latlon, read_table
 from webapp.files.text_file import read_bytes
 
+SUFFIXES = (".cfg", ".csv", ".tsv", ".txt", ".geojson", ".json", ".kml", ".gpx", ".gpkg")
 FORMATS = "a .cfg, a table of file names and positions, GeoJSON, KML, GeoPackage, or GPX with waypoints"
 
 _NAMES = PHOTO_FIELDS.names["name"]

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 _EXAMPLE = '{"top_left": {"lat": 60.4055, "lon": 22.4676}, "bottom_right": {"lat": 60.4039, "lon": 22.4712}}'
 
+CORNER_SUFFIX = ".json"
 HEADER = "x;y;lat;lon"
 _QGIS_CRS = re.compile(r"#\s*CRS:\s*(.+)", re.IGNORECASE)
 _QGIS_PIXELS = (("sourcex", "sourcey"), ("pixelx", "pixely"))
@@ -160,15 +161,20 @@ def _checked_point(pixel: MapPixel, position: LatLon, where: str) -> ControlPoin
     return ControlPoint(pixel, position)
 
 
+def worldfile_suffixes(suffix: str) -> list[str]:
+    """List the suffixes of world files for images with a suffix, the usual one first."""
+    ending = suffix[1:].lower()
+    return [f".{ending[:1]}{ending[-1:]}w", f".{ending}w", ".wld"]
+
+
 def find_worldfile(image: Path) -> Path:
     """Find the world file of an image: `.pgw`, `.pngw` or `.wld` for a `.png`, and so on, ignoring case.
 
     Raises:
         GeoreferenceError: There is none.
     """
-    ending = image.suffix[1:].lower()
-    endings = [f".{ending[:1]}{ending[-1:]}w", f".{ending}w", ".wld"]
-    names = [f"{image.stem}{e}" for e in endings] + [f"{image.name}w", f"{image.name}.wld"]
+    names = [f"{image.stem}{suffix}" for suffix in worldfile_suffixes(image.suffix)]
+    names += [f"{image.name}w", f"{image.name}.wld"]
     siblings = {p.name.lower(): p for p in sorted(image.parent.iterdir())} if image.parent.is_dir() else {}
     for name in names:
         if name.lower() in siblings:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +14,7 @@ from webapp.core.mapmodel.model import PhotoSource
 from webapp.core.mapmodel.panorama import Panorama
 from webapp.errors import NotFound
 from webapp.files import contents
-from webapp.files.decode import contrast_note
+from webapp.files.decode import contrast_note, stored_suffix
 from webapp.files.maps.facts import panorama_fields, source_fields
 from webapp.files.part_file import sha256_of, show_file_as
 from webapp.files.photos import preview
@@ -32,19 +32,6 @@ from webapp.tasks.maps.photo_files import forget_intake, free_path, keep
 from webapp.tasks.maps.place_photos import FileState, SurveyedFile, place
 from webapp.tasks.maps.placing import image_of
 
-SUFFIXES: Mapping[str, str] = {
-    "JPEG": "jpg",
-    "MPO": "jpg",
-    "PNG": "png",
-    "HEIF": "heic",
-    "AVIF": "avif",
-    "WEBP": "webp",
-    "TIFF": "tif",
-    "BMP": "bmp",
-    "JPEG2000": "jp2",
-    "GIF": "gif",
-}
-"""Suffix of a stored photo by its format."""
 _OF_DRAWINGS = {"PNG", "TIFF", "GIF", "BMP"}
 _MAX_NAME = 300
 _PLAN_NOTE = "it looks like a plan or satellite image: as the map's image, add it on the page Image"
@@ -186,7 +173,7 @@ def _may_be_image(facts: PhotoFacts, record: MapRecord) -> bool:
 
 def suffix_of(facts: PhotoFacts) -> str:
     """Return the suffix of a photo's file, by its format."""
-    return SUFFIXES[facts.format]
+    return stored_suffix(facts.format)
 
 
 def tidy_name(name: str) -> str:

@@ -1,5 +1,6 @@
 /** The dialog to add, rename, order, align and remove floors, and set their images. */
 
+import { ACCEPTED } from "../../shared/accepted.js";
 import { busy, confirmDialog, errorLine, field, openDialog } from "../../shared/dialogs.js";
 import { byId, h, icon } from "../../shared/dom.js";
 import { t, tn } from "../../shared/i18n.js";
@@ -8,7 +9,6 @@ import { BASE_FLOOR } from "../../shared/map/map-store.js";
 
 const MOST_NAME = 60;
 const LARGEST_LEVEL = 1000;
-const IMAGES = "image/png,image/jpeg,image/tiff,.png,.jpg,.jpeg,.tif,.tiff";
 
 /** Connect the item of the menu. @param {Object} page store, server and align */
 export function connectFloors(page) {
@@ -69,7 +69,7 @@ class FloorsDialog {
 
   _imageInput({ id, name, url }) {
     const words = url ? t("Replace the image") : t("Add an image");
-    const input = h("input", { class: "ed-file", id: `floor-image-${id}`, type: "file", accept: IMAGES, "aria-label": `${words}: ${name}` });
+    const input = h("input", { class: "ed-file", id: `floor-image-${id}`, type: "file", accept: ACCEPTED.map_images, "aria-label": `${words}: ${name}` });
     input.addEventListener("change", () => input.files[0] && this._save(() => this.server.setFloorImage(id, input.files[0])));
     return h("span", {}, input, h("label", { class: "button button--quiet", for: input.id }, icon("image"), words));
   }
@@ -78,7 +78,7 @@ class FloorsDialog {
   _form() {
     const next = Math.floor(Math.max(0, ...this.store.floors.map(({ level }) => level))) + 1;
     const inputs = this._inputs({ name: next === 1 ? t("1st floor") : t("Floor {n}", { n: levelText(next) }), level: next, height_m: null });
-    const file = h("input", { class: "input", type: "file", accept: IMAGES, "data-testid": "floor-file" });
+    const file = h("input", { class: "input", type: "file", accept: ACCEPTED.map_images, "data-testid": "floor-file" });
     inputs.name.dataset.testid = "floor-name";
     const add = h("button", { class: "button button--primary", type: "button", "data-testid": "floor-add" }, icon("plus"), t("Add the floor"));
     add.addEventListener("click", () => busy(add, async () => {

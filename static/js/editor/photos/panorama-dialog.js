@@ -1,5 +1,6 @@
 /** The dialog to mark a photo as a panorama and to mask parts of it by angles, boxes or an image. */
 
+import { ACCEPTED } from "../../shared/accepted.js";
 import { busy, errorLine, openDialog } from "../../shared/dialogs.js";
 import { h, icon, targetOf } from "../../shared/dom.js";
 import { t, tn } from "../../shared/i18n.js";
@@ -31,7 +32,7 @@ export function panoramaDialog(commands, server) {
   const is = h("input", { type: "checkbox", checked: true });
   const all = h("input", { type: "checkbox", checked: !photo.panorama?.masked.length });
   const add = h("button", { class: "button", type: "button", onclick: () => boxes.add({ ...NEW }) }, icon("plus"), t("Add a box"));
-  const file = h("input", { type: "file", accept: "image/*", class: "visually-hidden" });
+  const file = h("input", { type: "file", accept: ACCEPTED.photos, class: "visually-hidden" });
   const send = h("button", { class: "button button--primary", type: "button" }, t("Save"));
   const masks = h("div", { class: "stack" },
     h("p", { class: "soft small" }, t("Mask what is not part of the place: robot, tripod, sky. Masked parts are ignored. Draw boxes, enter angles, or add an image that is black there.")),
