@@ -131,6 +131,16 @@ export interface components {
              */
             readonly verdict?: "off_map" | "perhaps_off_map" | "perhaps_place" | "place" | "nothing_to_see";
         };
+        AreaCoverageOut: {
+            /** @description false: thinning has removed poses of these tracks. */
+            exact?: boolean;
+            /** @description Of the drawing. */
+            id?: number;
+            /** @description 0 to 1; null: the area is too narrow to be measured. */
+            share?: number | null;
+            /** @description Ids of the tracks that count. */
+            tracks?: number[];
+        };
         AskIn: {
             /** Format: binary */
             file: string;
@@ -198,6 +208,21 @@ export interface components {
                 time: number;
                 /** @constant */
                 type: "object";
+            } | {
+                /** @description 0 to 100. */
+                battery_percent?: number;
+                /** @description Quality of its radio link, 0 to 100. */
+                link_percent?: number;
+                /** @description `auto`, `manual`, `return` ... */
+                mode?: string;
+                /** @description A message to people. */
+                text?: string;
+                /** @description Seconds since 1970, UTC. */
+                time: number;
+                /** @description Name of the robot, as in its poses. */
+                track?: string;
+                /** @constant */
+                type: "status";
             } | {
                 /** @description Of tracks whose last poses were left out. */
                 left_out?: {
@@ -454,11 +479,65 @@ export interface components {
             x_px?: number;
             y_px?: number;
         };
+        CoverageOut: {
+            areas?: components["schemas"]["AreaCoverageOut"][];
+        };
         DoubtfulPhotoOut: {
             id?: number;
             name?: string;
             /** @description Distance from the position predicted from the others. */
             residual_px?: number;
+        };
+        DrawingChange: {
+            /** @description Who is to search the area; may be empty. */
+            assigned?: string;
+            /** @example Slope north of the river */
+            name?: string;
+            note?: string;
+            /** @description Degrees north, degrees east; the outline of an area may not cross itself. */
+            points?: number[][];
+            /** @description What a track passes within counts as covered; 5 by default. */
+            radius_m?: number;
+            /**
+             * @description That the caller has seen: 409 where it is another one by now.
+             * @default null
+             */
+            revision: number | null;
+            /** @description Whether the area has been searched, as somebody says. */
+            searched?: boolean;
+        };
+        DrawingList: {
+            drawings?: components["schemas"]["DrawingOut"][];
+        };
+        DrawingOut: {
+            /** @description Of an area. */
+            area_m2?: number | null;
+            /** @description null or empty for visitors. */
+            assigned?: string;
+            /** @description null or empty for visitors. */
+            changed_by?: string | null;
+            changed_time_s?: number;
+            /** @description null or empty for visitors. */
+            created_by?: string | null;
+            created_time_s?: number;
+            id?: number;
+            /** @enum {string} */
+            kind?: "area" | "line" | "marker";
+            /** @description Of a line, or around an area. */
+            length_m?: number | null;
+            name?: string;
+            /** @description null or empty for visitors. */
+            note?: string;
+            /** @description Degrees north, degrees east. */
+            points?: number[][];
+            /** @description Of an area. */
+            radius_m?: number | null;
+            /** @description Counts the changes of this drawing. */
+            revision?: number;
+            searched?: boolean;
+            /** @description null or empty for visitors. */
+            searched_by?: string | null;
+            searched_time_s?: number | null;
         };
         EditAnswer: {
             /** @description The lowest first; none: the map has one image alone. */
@@ -1161,6 +1240,8 @@ export interface components {
             map?: string | null;
             name?: string;
             note?: string;
+            /** @description Seconds after which a robot that is not heard is silent; null: no alarm. */
+            silent_after_s?: number | null;
             start?: components["schemas"]["StartIn"] | null;
         };
         MissionEntry: {
@@ -1281,6 +1362,8 @@ export interface components {
             cursor?: string;
             /** @description Of all tracks from the source that knows it best. */
             distance_m?: number;
+            /** @description Another number means that drawings changed. */
+            drawings_revision?: number;
             duration_s?: number;
             ended_at?: string | null;
             id?: number;
@@ -1334,6 +1417,19 @@ export interface components {
             /** @description Of its page. */
             url?: string;
         };
+        NewDrawing: {
+            /** @description Who is to search the area; may be empty. */
+            assigned?: string;
+            /** @enum {string} */
+            kind: "area" | "line" | "marker";
+            name: string;
+            note?: string;
+            points: number[][];
+            /** @description What a track passes within counts as covered; 5 by default. */
+            radius_m?: number;
+            /** @description Whether the area has been searched, as somebody says. */
+            searched?: boolean;
+        };
         NewFloorIn: {
             /** @default 0 */
             base_level: number;
@@ -1373,6 +1469,8 @@ export interface components {
             /** @example Yard, first round */
             name: string;
             note?: string;
+            /** @description Seconds after which a robot that is not heard is silent; null: no alarm. */
+            silent_after_s?: number | null;
             start?: components["schemas"]["StartIn"] | null;
         };
         NewMissionIn: {
@@ -2040,6 +2138,31 @@ export interface components {
             /** @description Number of links. */
             revoked?: number;
         };
+        RobotList: {
+            /** @description Of the server, now. */
+            clock_s?: number;
+            robots?: components["schemas"]["RobotOut"][];
+            silences?: components["schemas"]["SilenceOut"][];
+            /** @description null: there is no alarm. */
+            silent_after_s?: number | null;
+        };
+        RobotOut: {
+            /** @description When the server last had a record of it. */
+            heard_time_s?: number;
+            /** @description That of its tracks; may be empty. */
+            name?: string;
+            /** @description For longer than the mission allows. */
+            silent?: boolean;
+            status?: components["schemas"]["RobotStatusOut"] | null;
+        };
+        RobotStatusOut: {
+            battery_percent?: number | null;
+            link_percent?: number | null;
+            mode?: string | null;
+            text?: string | null;
+            /** @description By the robot's clock. */
+            time_s?: number;
+        };
         RowsOut: {
             columns?: string[];
             /** @description false: the limit cut some off. */
@@ -2195,6 +2318,8 @@ export interface components {
         SharedMissionOut: {
             /** @description Another text means that something is new. */
             cursor?: string;
+            /** @description Another number means that drawings changed. */
+            drawings_revision?: number;
             ended_at?: string | null;
             id?: number;
             name?: string;
@@ -2299,6 +2424,12 @@ export interface components {
             hours?: number;
             /** @description It is in this answer and nowhere else. */
             url?: string;
+        };
+        SilenceOut: {
+            robot?: string;
+            since_s?: number;
+            /** @description null: it is still silent. */
+            until_s?: number | null;
         };
         SkippedMapOut: {
             /** @description What to do. */

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from reportlab.graphics.barcode.qrencoder import (  # type: ignore[import-untyped]
-    QRCode,
-    QRErrorCorrectLevel,
-)
+from reportlab.graphics.barcode.qrencoder import QRCode, QRErrorCorrectLevel
 
 _QUIET = 4
 """Modules of white around a code, by its standard (ISO/IEC 18004)."""

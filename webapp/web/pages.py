@@ -50,6 +50,7 @@ ACCEPTED: Mapping[str, str] = {
     "tracks_of_photos": _field([gpx.SUFFIX]),
     "map_zips": _field([map_zip.SUFFIX], ["application/zip"]),
     "models": _field([models.SUFFIX]),
+    "shapes": _field([".geojson", ".json", ".kml"]),  # read by the page itself
 }
 """Values of the attribute `accept`, by what is chosen; for missions: `accepted` of their readers."""
 

@@ -66,6 +66,8 @@ function numbers(store, box) {
 
 function facts(track) {
   const { poses, skipped, removed, thinned_m: error, distance_m: way, duration_s: duration, closing } = track;
+  /** @type {Array<[string, string|HTMLElement]>} */
+  /** @type {Array<[string, string|HTMLElement]>} */
   const rows = [[t("Distance"), lengthText(way || 0)]];
   if (duration >= SHORTEST_S) {
     const speed = t("{speed} on average", { speed: speedText(way / duration) });

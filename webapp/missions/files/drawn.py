@@ -47,7 +47,7 @@ def kind_of_drawing(properties: Mapping[str, Any]) -> Kind | None:
 
 
 def found_drawing(
-    kind: Kind, properties: Mapping[str, Any], points: list[tuple[float, float]]
+    kind: Kind, properties: Mapping[str, Any], *, points: list[tuple[float, float]]
 ) -> FoundDrawing | None:
     """Return a drawing of a file; None if its shape is invalid. Invalid texts and radii are left out."""
     try:

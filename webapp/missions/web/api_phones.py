@@ -13,7 +13,6 @@ from apiflask import APIBlueprint, Schema
 from apiflask.fields import Float, Integer, List, Nested, String
 from apiflask.validators import Length, Range
 from flask import Response, jsonify, request, url_for
-from marshmallow import EXCLUDE
 from sqlalchemy.orm import Session
 
 from webapp.missions.core import phone_positions
@@ -40,9 +39,11 @@ positions_api = APIBlueprint(
 _MOST_POSITIONS = 500
 _MOST_BYTES = 200_000
 _OWNTRACKS_HTTP = 3
-_NO_COMMANDS = {
-    "description": "An empty list: there are no commands for the app.",
-    "content": {"application/json": {"schema": {"type": "array", "items": {"type": "object"}}}},
+_NO_COMMANDS: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "An empty list: there are no commands for the app.",
+        "content": {"application/json": {"schema": {"type": "array", "items": {"type": "object"}}}},
+    }
 }
 
 _limit = ConcurrencyLimit("phones", share=0.5)
@@ -124,7 +125,7 @@ class OwnTracksIn(Schema):
     class Meta:
         """There are more fields than these."""
 
-        unknown = EXCLUDE
+        unknown = "exclude"
 
     _type = String(
         required=True, validate=Length(max=40), metadata={"description": "`location`, or another."}
@@ -224,7 +225,7 @@ def receive(token: str, *, given: dict[str, Any]) -> dict[str, Any]:
 @public
 @_by_link
 @positions_api.input(OwnTracksIn, arg_name="given")
-@positions_api.doc(responses={200: _NO_COMMANDS})
+@positions_api.doc(responses=_NO_COMMANDS)
 def receive_owntracks(token: str, *, given: dict[str, Any]) -> Response:
     """Send a message of OwnTracks in HTTP mode."""
     _store_one(_opened(token), phone_positions.from_owntracks(given))

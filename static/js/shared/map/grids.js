@@ -137,6 +137,7 @@ function parseMgrs(text) {
   return null;
 }
 
+/** @param {number[]} place lat, lon @param {string} band */
 function isInBand([lat], band) {
   const from = SOUTH_END + BANDS.indexOf(band) * BAND_DEG;
   const to = band === "X" ? NORTH_END : from + BAND_DEG;

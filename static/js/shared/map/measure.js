@@ -79,7 +79,8 @@ export class Measure {
     const leg = this.points.slice(-2);
     const metres = leg.length === 2 ? this._metres(leg) : null;
     if (!metres) return "";
-    const bearing = `${Math.round(bearingDeg(...this._places(leg))) % 360}°`;
+    const [from, to] = this._places(leg);
+    const bearing = `${Math.round(bearingDeg(from, to)) % 360}°`;
     return this.points.length === 2 ? bearing : t("last leg {length}, {bearing}", { length: measured(metres), bearing });
   }
 

@@ -143,7 +143,9 @@ class _Features:
         points = [_point(place, math.nan, math.nan) for place in self.on_earth(places)]
         fits = geometry.get("type") == GEOMETRIES[kind]
         shape = [(point.lat, turned_lon(point.lon)) for point in points] if fits else []
-        self.findings.draw(found_drawing(kind, _properties(feature), shape), where=f"feature {self.number}")
+        self.findings.draw(
+            found_drawing(kind, _properties(feature), points=shape), where=f"feature {self.number}"
+        )
 
     def geometry(self, geometry: Any, feature: Mapping[str, Any], *, depth: int) -> Iterator[Piece]:
         where = f"feature {self.number}"

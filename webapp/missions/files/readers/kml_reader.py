@@ -208,7 +208,7 @@ def _draw(placemark: Element, mark: _Placemark, *, findings: Findings) -> bool:
     texts = [child_text(part, "coordinates") for part in placemark.iter() if local_name(part) in _SHAPES]
     rows = _coordinates(texts[0] if len(texts) == 1 else "", findings=findings, where=where)
     shape = [(lat, turned_lon(lon)) for lon, lat, _ in rows.tolist()]
-    findings.draw(found_drawing(kind, about, shape), where=where)
+    findings.draw(found_drawing(kind, about, points=shape), where=where)
     return True
 
 
