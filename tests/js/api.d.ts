@@ -1721,6 +1721,8 @@ export interface components {
             /** @default null */
             alt: unknown;
             /** @default null */
+            batt: unknown;
+            /** @default null */
             lat: unknown;
             /** @default null */
             lon: unknown;

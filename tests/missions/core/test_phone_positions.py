@@ -3,7 +3,7 @@
 import pytest
 
 from webapp.errors import InputError
-from webapp.missions.core.phone_positions import from_owntracks, from_parameters, pose
+from webapp.missions.core.phone_positions import from_owntracks, from_parameters, pose, records
 from webapp.missions.core.trajectory.batch import parse
 
 AT = 1777629600.0
@@ -25,6 +25,12 @@ def test_a_position_of_owntracks_is_a_pose():
     (part,) = parse([record]).tracks.values()
     assert (record["time"], record["height_m"], record["track"]) == (AT, 210.0, "Anna")
     assert part.poses.covariance_m2[0] == pytest.approx([63.2, 63.2, 0.0], abs=0.1)  # 12 m hold 68 %
+
+
+@pytest.mark.parametrize(("sent", "battery"), [(80, 80.0), (-1, None), (None, None)])
+def test_the_battery_of_a_phone_is_its_status(sent, battery):
+    found = parse(records(from_owntracks(OWNTRACKS | {"batt": sent}), track="Anna"))
+    assert [(one.robot, one.battery_percent) for one in found.statuses] == [("Anna", battery)][: sent == 80]
 
 
 @pytest.mark.parametrize("kind", ["lwt", "transition", "waypoint", "status", "new one"])

@@ -21,8 +21,16 @@ _NAMES = {
     "time": ("timestamp", "time", "tst"),
     "height_m": ("altitude", "alt"),
     "accuracy_m": ("accuracy", "acc"),
+    "battery_percent": ("batt", "battery"),
 }
-_LOCATION = {"lat": "lat", "lon": "lon", "time": "tst", "height_m": "alt", "accuracy_m": "acc"}
+_LOCATION = {
+    "lat": "lat",
+    "lon": "lon",
+    "time": "tst",
+    "height_m": "alt",
+    "accuracy_m": "acc",
+    "battery_percent": "batt",
+}
 _MILLISECONDS_FROM = 1e11
 """Larger times are milliseconds, as OsmAnd sends them: seconds reach this number in the year 5138."""
 
@@ -46,6 +54,15 @@ def pose(values: Mapping[str, Any], *, track: str) -> dict[str, Any]:
         variance = (values["accuracy_m"] / INSIDE_68) ** 2
         record["covariance"] = [variance, variance, 0.0]
     return record
+
+
+def records(values: Mapping[str, Any], *, track: str) -> list[dict[str, Any]]:
+    """Make the records of a position that `from_owntracks` or `from_parameters` read: with its battery."""
+    found = [pose(values, track=track)]
+    battery = values.get("battery_percent")
+    if battery is not None and 0 <= battery <= 100:  # apps send -1 where they do not know
+        found.append({"type": "status", "time": values["time"], "track": track, "battery_percent": battery})
+    return found
 
 
 def from_owntracks(message: Mapping[str, Any]) -> dict[str, Any] | None:

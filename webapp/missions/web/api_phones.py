@@ -135,6 +135,7 @@ class OwnTracksIn(Schema):
     alt = _value()
     tst = _value()
     acc = _value()
+    batt = _value()
 
 
 def _opened(token: str) -> OpenedPhone:
@@ -215,10 +216,9 @@ def receive(token: str, *, given: dict[str, Any]) -> dict[str, Any]:
     opened = _opened(token)
     records = [phone_positions.pose(one, track=opened.phone.name) for one in given["positions"]]
     place = store_batch.Numbered(f"phone:{opened.phone.id}:{given['sender']}", given["first"])
+    also = partial(_count, opened.phone)
     with _limit.slot():
-        return store_batch.store_batch(
-            library(), opened.mission.id, records=records, place=place, also=_counted(opened)
-        )
+        return store_batch.store_batch(library(), opened.mission.id, records=records, place=place, also=also)
 
 
 @positions_api.post("/owntracks")
@@ -260,24 +260,21 @@ def _store_one(opened: OpenedPhone, values: dict[str, Any] | None) -> None:
     """Store a position of an app, which has no numbers: the same one again is not stored."""
     if values is None:
         return
-    record = phone_positions.pose(values, track=opened.phone.name)
-    digest = hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest()
+    records = phone_positions.records(values, track=opened.phone.name)
+    digest = hashlib.sha256(json.dumps(records, sort_keys=True).encode()).hexdigest()
     with _limit.slot():
         store_batch.store_keyed_batch(
             library(),
             opened.mission.id,
-            records=[record],
+            records=records,
             key=f"phone:{opened.phone.id}:{digest}",
             keep=timedelta(days=settings().missions.keep_keys_days),
-            also=_counted(opened),
+            also=lambda session, _: phones.note_positions(session, opened.phone, count=1),
         )
 
 
-def _counted(opened: OpenedPhone) -> store_batch.Also:
-    def count(phone: MissionPhone, session: Session, count: int) -> None:
-        phones.note_positions(session, phone, count=count)
-
-    return partial(count, opened.phone)
+def _count(phone: MissionPhone, session: Session, count: int) -> None:
+    phones.note_positions(session, phone, count=count)
 
 
 def _phone_json(phone: MissionPhone) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from webapp.missions.store import phones
 from webapp.missions.store.schema import MissionPhone, MissionSender
 
 POSITION = {"time": 1777629600.0, "lat": 50.1, "lon": 14.4, "accuracy_m": 8.0}
-OWNTRACKS = {"_type": "location", "lat": 50.1, "lon": 14.4, "tst": 1777629600, "acc": 12}
+OWNTRACKS = {"_type": "location", "lat": 50.1, "lon": 14.4, "tst": 1777629600, "acc": 12, "batt": 81}
 
 
 @pytest.fixture
@@ -76,6 +76,10 @@ def test_owntracks_and_other_apps(client, stranger, mission, add):
     assert stranger.get(path(phone, "track"), query_string=query).status_code == 204
     assert stranger.post(path(phone, "track"), data=query | {"time": 1777629720}).status_code == 204
     assert tracks(client, mission) == {"Anna": 3}
+    (listed,) = client.get(f"/api/v1/missions/{mission}/phones").json["phones"]
+    assert listed["positions"] == 3
+    (robot,) = client.get(f"/api/v1/missions/{mission}/robots").json["robots"]
+    assert (robot["name"], robot["status"]["battery_percent"]) == ("Anna", 81.0)
 
 
 @pytest.mark.parametrize(
