@@ -125,6 +125,22 @@ def test_the_image_can_have_other_extras(project, compose):
     assert set(extras.split(",")) == {"all", "cluster"}
 
 
+def test_the_image_of_the_ros_nodes_copies_what_there_is(project):
+    """It was not built: there are no images of ROS here. So what it copies and starts is checked as text."""
+    text = (project / ".docker" / "ros.Dockerfile").read_text("utf-8")
+    copied = [path for line in re.findall(r"^COPY (.+)$", text, re.M) for path in line.split()[:-1]]
+    assert copied and all((project / path).exists() for path in copied)
+    ignored = (project / ".docker" / "ros.Dockerfile.dockerignore").read_text("utf-8").splitlines()
+    assert {line[1:] for line in ignored if line.startswith("!")} == set(copied)
+    (package, node) = re.search(r'CMD \["ros2", "run", "(\w+)", "(\w+)"\]', text).groups()
+    assert f'name="{package}"' in (project / "ros" / package / "setup.py").read_text("utf-8")
+    assert f'"{node}"' in (project / "ros" / package / "setup.py").read_text("utf-8")
+    client = (project / "webapp/robot/pyproject.toml").read_text("utf-8")
+    needed = re.findall(r'"((?:\.\./)+\S+)"', client)  # relative to webapp/robot
+    held = {(project / "webapp/robot" / path).resolve().relative_to(project).as_posix() for path in needed}
+    assert held <= set(copied)
+
+
 def test_both_files_for_caddy_say_the_same(page, compose):
     (block,) = blocks(page, "maps.example.org {")
     inner = compose["configs"]["caddy"]["content"]
