@@ -92,8 +92,10 @@ def addresses(app, library, owner, client, park):
     phone = (
         client.post(f"/api/v1/missions/{mission_id}/phones", json={"name": "A"}).json["url"].split("/")[-1]
     )
+    shape = {"kind": "marker", "name": "A", "points": [[50.0, 14.0]]}
+    drawing = client.post(f"/api/v1/missions/{mission_id}/drawings", json=shape).json["id"]
     values = {"slug": park, "mission_id": mission_id, "file_id": file_id, "token": token}
-    values |= {"id": 1, "name": "a", "object_id": "a"}
+    values |= {"id": 1, "name": "a", "object_id": "a", "drawing_id": drawing}
     adapter = app.url_map.bind("")
     found = {}
     for rule, method, _, _ in rules_with_body(app):

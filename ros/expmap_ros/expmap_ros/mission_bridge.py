@@ -17,7 +17,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image, NavSatFix, NavSatStatus
+from sensor_msgs.msg import BatteryState, CameraInfo, CompressedImage, Image, NavSatFix, NavSatStatus
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
@@ -72,6 +72,9 @@ RAW_IMAGES = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 _STAMPS = 200
 """Number of stamps for which images and objects are remembered, to be matched."""
 
+_BATTERY_EVERY_S = 60.0
+"""Interval at which a battery is reported that has not changed by a percent."""
+
 Track = tuple[str, str]
 """Source and name of a track."""
 
@@ -91,6 +94,7 @@ class MissionBridge(ManagedNode):
         self._counts = dict.fromkeys(("received", "written", "hardly moved", "repeated", "unusable"), 0)
         self._refused = ""
         self._lens: Pinhole | None = None
+        self._battery = (math.nan, -math.inf)
         self._photos: OrderedDict[float, str] = OrderedDict()
         self._objects: OrderedDict[float, str] = OrderedDict()
         self.start()
@@ -112,6 +116,7 @@ class MissionBridge(ManagedNode):
         """Subscribe to the topics of the robot."""
         self._hear(NavSatFix, "/fix", self._take_fix)
         self._hear(Odometry, "/odom", self._take_odometry)
+        self._hear(BatteryState, "/battery_state", self._take_battery)
         if self._tf:
             self._hear(TF_MESSAGE, "/tf", self._take_transforms)
         self._hear(MarkerArray, "/objects", self._take_objects)
@@ -170,6 +175,18 @@ class MissionBridge(ManagedNode):
             "covariance": [c[0], c[4], c[1]] if known else None,
         }
         self._send_pose(("gps", ""), _stamp_s(fix.header, at_s), fields)
+
+    def _take_battery(self, battery: BatteryState, at_s: float) -> None:
+        if math.isnan(battery.percentage):  # not measured
+            return
+        if not 0.0 <= battery.percentage <= 1.0:
+            raise InputError("the percentage of a BatteryState is not from 0 to 1")
+        percent, time_s = round(battery.percentage * 100.0), _stamp_s(battery.header, at_s)
+        known, reported_s = self._battery
+        if percent != known or time_s - reported_s >= _BATTERY_EVERY_S:
+            self._client.report(time_s=time_s, battery_percent=percent)
+            self._battery = (percent, time_s)
+            self._counts["written"] += 1
 
     def _take_odometry(self, odometry: Odometry, at_s: float) -> None:
         self._send_local(pose_of(odometry), "", _stamp_s(odometry.header, at_s))

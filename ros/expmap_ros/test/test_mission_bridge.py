@@ -12,7 +12,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import CompressedImage, NavSatFix
+from sensor_msgs.msg import BatteryState, CompressedImage, NavSatFix
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
@@ -120,6 +120,22 @@ def test_a_clock_that_is_set_back_loses_nothing(bench, server, values):
     bench.until(lambda: records(server), lambda: publisher.publish(later))
     bench.until(lambda: has_records(server, 2), lambda: publisher.publish(earlier))
     assert [record["time"] for record in records(server)] == [1500.0, 1003.0]
+
+
+def test_the_battery_is_reported_when_it_changes(bench, server, values):
+    bench.start(MissionBridge, **values)
+    publisher = bench.node.create_publisher(BatteryState, "/battery_state", 10)
+    states = bench.listen(DiagnosticArray, "/diagnostics")
+
+    def publish(number, share):
+        publisher.publish(BatteryState(header=header(number), percentage=share))
+
+    bench.until(lambda: records(server), lambda: publish(0, 0.8))
+    publish(1, math.nan)
+    bench.until(lambda: has_records(server, 2), lambda: publish(2, 0.79))
+    bench.until(lambda: sum(saying(states, "unusable")), lambda: publish(3, 79.0))
+    found = [(record["type"], record["time"], record["battery_percent"]) for record in records(server)]
+    assert found == [("status", 1000.0, 80.0), ("status", 1002.0, 79.0)]
 
 
 def test_the_quality_of_one_topic_is_not_that_of_others(bench, server, values):

@@ -89,5 +89,5 @@ def test_its_file_fields_accept_each_format_that_is_read(page):
     sent = json.loads(
         re.search(r'<script type="application/json" id="accepted">(.*?)</script>', text, re.S)[1]
     )
-    assert sent["positions"] == ".cfg,.csv,.tsv,.txt,.geojson,.json,.kml,.gpx"
+    assert sent["positions"] == ".cfg,.csv,.tsv,.txt,.geojson,.json,.kml,.gpx,.gpkg"
     assert sent["map_images"].split(",")[0] == "image/jpeg"

@@ -294,7 +294,7 @@ class RobotReport(Base):
     """What a robot said of itself."""
 
     __tablename__ = "robot_status"
-    __table_args__ = (Index(None, "mission_id", "robot", "time_s"),)
+    __table_args__ = (Index("ix_robot_status_time_s", "mission_id", "robot", "time_s"),)
 
     id: Mapped[int] = mapped_column(primary_key=True)
     mission_id: Mapped[int] = mapped_column(ForeignKey("mission.id", ondelete="CASCADE"))

@@ -46,6 +46,8 @@ _NO_COMMANDS: dict[int | str, dict[str, Any]] = {
     }
 }
 
+OPERATIONS = {"api_phones.list_phones": {"statuses": [403]}}
+
 _limit = ConcurrencyLimit("phones", share=0.5)
 positions_api.record(_limit.set_up)
 

@@ -63,7 +63,7 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("id", name="pk_robot_status"),
     )
     op.create_index(
-        "ix_robot_status_mission_id_robot_status_robot_robot_status_time_s",
+        "ix_robot_status_time_s",
         "robot_status",
         ["mission_id", "robot", "time_s"],
     )
