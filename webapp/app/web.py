@@ -149,6 +149,7 @@ WEB_PARTS = Parts(
     operations=_joined(
         api_staged.OPERATIONS,
         mission_shares.OPERATIONS,
+        api_phones.OPERATIONS,
         models.OPERATIONS,
         *(part.operations for part in CONNECTED),
     ),
