@@ -25,7 +25,12 @@ TRACKS = st.fixed_dictionaries(
 )
 ANYTHING = st.one_of(NUMBERS, TEXTS, st.lists(NUMBERS, max_size=4), st.lists(TRACKS, max_size=2))
 PLACE = {"type": "pose", "time": 1.0, "lat": 50.0, "lon": 14.0}
-BASES = {"pose": PLACE, "object": PLACE | {"type": "object", "id": "a", "class": "b"}, "end": {"type": "end"}}
+BASES = {
+    "pose": PLACE,
+    "object": PLACE | {"type": "object", "id": "a", "class": "b"},
+    "status": {"type": "status", "time": 1.0, "text": "ready"},
+    "end": {"type": "end"},
+}
 
 
 @given(st.data())
