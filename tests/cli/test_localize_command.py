@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 from webapp.cli.localize import answer_text
+from webapp.core.features.blank import FEW_KEYPOINTS, FEWEST_KEYPOINTS
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
 from webapp.progress import Progress
@@ -163,6 +164,19 @@ def test_a_guessed_field_of_view_is_reported_on_standard_error(expmap, cfg, phot
     assert code == 0
     assert "not on this map" in out
     assert "the field of view of 1.jpg is not known; 65° is assumed; --fov DEGREES" in err
+
+
+def test_a_few_keypoints_that_agree_with_no_photo_are_no_place(expmap, cfg, tmp_path):
+    night, path = np.zeros((480, 640, 3), np.uint8), tmp_path / "lamps.png"
+    for number in range(5):
+        cv2.circle(night, (90 + 115 * number, 140 + 60 * (number % 3)), 12 + 2 * number, (120, 120, 120), -1)
+    cv2.imwrite(str(path), night)
+    code, out, _ = expmap("localize", cfg, path, "--method", "verified", "--json")
+    (answer,) = json.loads(out)
+    keypoints = answer["statistics"]["keypoints"]
+    assert FEWEST_KEYPOINTS <= keypoints < FEW_KEYPOINTS  # enough to be compared
+    assert (code, answer["verdict"], answer["hypotheses"]) == (0, "nothing_to_see", [])
+    assert f"only {keypoints} keypoints" in answer["no_pose"]
 
 
 def test_a_photo_without_texture_has_nothing_to_see(expmap, cfg, tmp_path):

@@ -11,6 +11,9 @@ from webapp.core.features.types import Features
 FEWEST_KEYPOINTS = 8
 """With fewer, no relative pose can be verified, and any photo of the map matches as well as another."""
 
+FEW_KEYPOINTS = 30
+"""With fewer, photos of the map that look alike do so by chance: only matches that agree are evidence."""
+
 _SMALL_SIDE_PX = 64
 """Contrast is measured on the photo reduced to this longer side, so that noise averages out."""
 
@@ -28,10 +31,13 @@ def why_blank(gray: NDArray[np.uint8], features: Features) -> str:
     """
     if _contrast(gray) < _LEAST_CONTRAST:
         return "the photo is nearly uniform"
-    if len(features) < FEWEST_KEYPOINTS:
-        count = len(features)
-        return "no keypoints" if not count else f"only {count} keypoint{'s' if count > 1 else ''}"
-    return ""
+    return why_too_few(features) if len(features) < FEWEST_KEYPOINTS else ""
+
+
+def why_too_few(features: Features) -> str:
+    """Return how few keypoints there are."""
+    count = len(features)
+    return "no keypoints" if not count else f"only {count} keypoint{'s' if count > 1 else ''}"
 
 
 def _contrast(gray: NDArray[np.uint8]) -> float:

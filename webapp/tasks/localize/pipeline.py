@@ -27,7 +27,7 @@ from typing import Protocol
 
 import numpy as np
 
-from webapp.core.features.blank import why_blank
+from webapp.core.features.blank import FEW_KEYPOINTS, why_blank, why_too_few
 from webapp.core.features.detail import lacks_fine_detail
 from webapp.core.features.extract import extract
 from webapp.core.features.table import Method
@@ -138,6 +138,8 @@ class Look:
                 indexed, features, fov_deg=fovs, hide=hide, include=include, depths=depths
             )
         answer = self._answer(found, [replace(photo.fov, degrees=degrees) for degrees in fovs])
+        if len(features) < FEW_KEYPOINTS and not any(place.inliers for place in answer.hypotheses):
+            return self._of_photo(_nothing_to_see(features, why_too_few(features), fov=photo.fov), photo, watch)
         if self.around is not None:
             fov_deg = photo.fov.degrees if answer.fov is None else answer.fov.degrees
             answer = self.around.refine(answer, opened, query=features, fov_deg=fov_deg, hide=hide)
