@@ -10,8 +10,8 @@ const INK = "#14181a";
 const LABEL_PX = 34;
 const CROSS = 14;
 
-/** A Leaflet layer. */
-export class DrawingLayer extends CanvasLayer {
+/** A Leaflet layer whose canvas is in the page only while something is drawn. */
+class DrawnLayer extends CanvasLayer {
   /**
    * @param {import("./drawing-store.js").DrawingStore} drawings
    * @param {import("../mission-view.js").MissionView} view
@@ -20,9 +20,40 @@ export class DrawingLayer extends CanvasLayer {
     super();
     this.drawings = drawings;
     this.view = view;
-    drawings.addEventListener("change", this._draw);
-    drawings.addEventListener("sketch", this._draw);
+    for (const name of ["change", "sketch"]) drawings.addEventListener(name, () => this._show());
+  }
+
+  /** @override @param {L.Map} map */
+  onAdd(map) {
+    super.onAdd(map);
+    this._show();
+    return this;
+  }
+
+  _show() {
+    if (!this._canvas || !this._map) return;
+    if (!this.drawings.list.length && !this.drawings.sketch) this._canvas.remove();
+    else if (!this._canvas.isConnected) this._place(this._map.getPane("overlayPane"));
+    this._draw();
+  }
+
+  /** @param {HTMLElement} pane */
+  _place(pane) {
+    pane.append(this._canvas);
+  }
+}
+
+/** The shapes, below the tracks. */
+export class DrawingLayer extends DrawnLayer {
+  /** @param {import("./drawing-store.js").DrawingStore} drawings @param {import("../mission-view.js").MissionView} view */
+  constructor(drawings, view) {
+    super(drawings, view);
     for (const name of ["focus", "blur"]) view.element.addEventListener(name, this._draw);
+  }
+
+  /** @override @param {HTMLElement} pane */
+  _place(pane) {
+    pane.insertBefore(this._canvas, pane.querySelector("canvas"));
   }
 
   /** @override */
@@ -41,19 +72,10 @@ export class DrawingLayer extends CanvasLayer {
     for (const place of places) drawDot(pen, place, COLOURS.line);
     if (this.view.element.matches(":focus-visible")) drawCross(pen, size.x / 2, size.y / 2);
   }
-
 }
 
 /** The names of the drawings, with percent or length. */
-export class LabelLayer extends CanvasLayer {
-  /** @param {import("./drawing-store.js").DrawingStore} drawings @param {import("../mission-view.js").MissionView} view */
-  constructor(drawings, view) {
-    super();
-    this.drawings = drawings;
-    this.view = view;
-    drawings.addEventListener("change", this._draw);
-  }
-
+export class LabelLayer extends DrawnLayer {
   /** @override */
   paint(pen) {
     pen.lineJoin = "round";
