@@ -139,7 +139,8 @@ class Look:
             )
         answer = self._answer(found, [replace(photo.fov, degrees=degrees) for degrees in fovs])
         if len(features) < FEW_KEYPOINTS and not any(place.inliers for place in answer.hypotheses):
-            return self._of_photo(_nothing_to_see(features, why_too_few(features), fov=photo.fov), photo, watch)
+            nothing = _nothing_to_see(features, why_too_few(features), fov=photo.fov)
+            return self._of_photo(nothing, photo, watch)
         if self.around is not None:
             fov_deg = photo.fov.degrees if answer.fov is None else answer.fov.degrees
             answer = self.around.refine(answer, opened, query=features, fov_deg=fov_deg, hide=hide)
