@@ -144,9 +144,7 @@ def open_context(app: App, browser: Browser) -> Iterator[Callable[..., BrowserCo
     yield open_one
     for context in opened:
         for tab in context.pages:
-            tab.unroute_all(
-                behavior="ignoreErrors"
-            )  # a request that is under way is no fault of the next test
+            tab.unroute_all(behavior="ignoreErrors")  # one that is under way is no fault of the next test
         context.close()
     for context in opened:
         context.watch.check()
