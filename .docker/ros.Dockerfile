@@ -18,9 +18,9 @@ RUN python3 -m venv --system-site-packages nodes \
     && touch nodes/COLCON_IGNORE client/COLCON_IGNORE \
     && nodes/bin/pip install --no-cache-dir client/webapp/robot
 RUN . nodes/bin/activate && . /opt/ros/jazzy/setup.sh && python3 -m colcon build \
-    && useradd --system --create-home --uid 10001 expmap
+    && useradd --system --home-dir /var/lib/expmap --create-home --uid 10001 expmap
 
 USER expmap
-WORKDIR /home/expmap
+WORKDIR /var/lib/expmap
 ENTRYPOINT ["/bin/bash", "-c", ". /ws/install/setup.bash && exec \"$@\"", "--"]
 CMD ["ros2", "run", "expmap_ros", "pose_estimator"]
