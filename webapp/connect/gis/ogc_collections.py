@@ -81,7 +81,7 @@ def parse_name(id: str) -> CollectionName:
     """Parse the id of a collection. Raises NotFound."""
     found = _NAME.fullmatch(id)
     if found is None or int(found["id"] or 0) > MAX_NUMBER:
-        raise NotFound("there is no such collection", where=id[:80], hint="see the list of collections")
+        raise NotFound("collection not found", where=id[:80], hint="see the list of collections")
     if found["slug"] is not None:
         return CollectionName(found["of_map"], found["slug"], None)
     return CollectionName(found["of_mission"], None, int(found["id"]))
@@ -197,7 +197,7 @@ def item(id: str, feature_id: str) -> dict[str, Any]:
             with library().database.read() as session:
                 found = _object(missions.find_object(session, mission_id, feature_id))
     if found is None:
-        raise NotFound("there is no such feature in the collection", where=feature_id[:80])
+        raise NotFound("feature not found in the collection", where=feature_id[:80])
     return found
 
 

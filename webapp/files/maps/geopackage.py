@@ -132,7 +132,7 @@ class _Reader:
             yield _Layer(str(table), str(geometry), photo, heading, note, plane)
 
     def _columns(self, table: str) -> list[_Column]:
-        """Return the columns of a table; none if there is no such table, but perhaps a view."""
+        """Return the columns of a table; none if the table is missing or a view."""
         query = "SELECT name FROM sqlite_master WHERE type = 'table' AND name = ? AND rootpage > 0"
         if self._connection.execute(query, (table,)).fetchone() is None:
             return []
