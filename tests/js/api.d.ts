@@ -489,7 +489,7 @@ export interface components {
             residual_px?: number;
         };
         DrawingChange: {
-            /** @description Who is to search the area; may be empty. */
+            /** @description Assignee of the area; may be empty. */
             assigned?: string;
             /** @example Slope north of the river */
             name?: string;
@@ -1418,7 +1418,7 @@ export interface components {
             url?: string;
         };
         NewDrawing: {
-            /** @description Who is to search the area; may be empty. */
+            /** @description Assignee of the area; may be empty. */
             assigned?: string;
             /** @enum {string} */
             kind: "area" | "line" | "marker";

@@ -2,6 +2,8 @@
  * Photos waiting to be sent, and answers received, in IndexedDB, so that closing the page loses nothing.
  */
 
+import { randomName, resultOf, write } from "../shared/indexed-db.js";
+
 /** @typedef {{key: string, account: number, map: string, name: string, at: string, photo: ?Blob, thumb: ?Blob,
  *   state: "waiting"|"answered"|"added"|"refused", answer: ?Object, error: ?string,
  *   spot: ?import("./guide.js").Target}} Entry a photo with a `spot` is added to the map, any other is localized */
@@ -28,7 +30,7 @@ export class Outbox extends EventTarget {
   static async open(account) {
     const asked = indexedDB.open(DATABASE, 1);
     asked.onupgradeneeded = () => asked.result.createObjectStore(STORE, { keyPath: "key" });
-    return new Outbox(await done(asked), account);
+    return new Outbox(await resultOf(asked), account);
   }
 
   /**
@@ -40,7 +42,7 @@ export class Outbox extends EventTarget {
   async add(files, map, { spot = null } = {}) {
     const at = new Date().toISOString();
     const entries = await Promise.all([...files].map(async (file, n) => ({
-      key: newKey(), account: this.account, map, name: file.name || "photo.jpg", at, n,
+      key: randomName(), account: this.account, map, name: file.name || "photo.jpg", at, n,
       photo: file, thumb: await thumbOf(file), state: "waiting", answer: null, error: null, spot,
     })));
     await this._write((store) => entries.forEach((entry) => store.put(entry)));
@@ -48,7 +50,7 @@ export class Outbox extends EventTarget {
 
   /** All photos of the account, the oldest first. @returns {Promise<Entry[]>} */
   async all() {
-    const found = await done(this.database.transaction(STORE).objectStore(STORE).getAll());
+    const found = await resultOf(this.database.transaction(STORE).objectStore(STORE).getAll());
     const mine = found.filter(({ account }) => account === this.account);
     return mine.sort((a, b) => (a.at < b.at ? -1 : a.at > b.at ? 1 : a.n - b.n));
   }
@@ -67,27 +69,10 @@ export class Outbox extends EventTarget {
   }
 
   async _write(run) {
-    const transaction = this.database.transaction(STORE, "readwrite", { durability: "strict" });
-    run(transaction.objectStore(STORE));
-    await new Promise((resolve, reject) => {
-      transaction.oncomplete = resolve;
-      transaction.onabort = () => reject(transaction.error);
-    });
+    await write(this.database, STORE, run);
     this.channel?.postMessage("change");
     this.dispatchEvent(new Event("change"));
   }
-}
-
-function done(request) {
-  return new Promise((resolve, reject) => {
-    request.onsuccess = () => resolve(request.result);
-    request.onerror = () => reject(request.error);
-  });
-}
-
-/** A random key, by which the server recognises a photo sent twice. */
-function newKey() {
-  return [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
 /** A thumbnail for the list; null if the browser cannot decode the format. */

@@ -6,11 +6,11 @@ import { locale, t } from "../shared/i18n.js";
 import { sentence } from "../shared/toast.js";
 import { lengthText } from "./format.js";
 import { PositionQueue } from "./position-queue.js";
+import { metresBetween } from "./track-points.js";
 
 const EVERY_MS = 5000;
 const SEND_MS = 5000;
 const NEAR_M = 10;
-const DEGREE_M = 111_320;
 const ON = "expmap-phone-on";
 
 const { token } = JSON.parse(byId("page").textContent);
@@ -70,7 +70,7 @@ class Sharing {
     };
     problem("position", null);
     byId("position-accuracy").textContent = lengthText(coords.accuracy);
-    if (this.last && timestamp - this.last.time * 1000 < EVERY_MS && apart(this.last, position) < NEAR_M) return;
+    if (this.last && timestamp - this.last.time * 1000 < EVERY_MS && metresBetween([this.last.lat, this.last.lon], [position.lat, position.lon]) < NEAR_M) return;
     this.last = position;
     await this.queue.add(position);
     await this._count();
@@ -128,12 +128,6 @@ class Sharing {
     button.querySelector("span").textContent = this.isOn ? t("Stop sharing") : t("Share my position");
     byId("position-state").textContent = this.isOn ? t("Your position is shared.") : "";
   }
-}
-
-/** Metres between two positions that are near each other. */
-function apart(one, other) {
-  const east = (one.lon - other.lon) * Math.cos((one.lat * Math.PI) / 180);
-  return Math.hypot(one.lat - other.lat, east) * DEGREE_M;
 }
 
 /** Show what is wrong, or that it no longer is. @param {"position"|"sending"} part @param {?string} text */

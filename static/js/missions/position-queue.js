@@ -4,6 +4,8 @@
  * They are numbered without gaps, by which the server stores each exactly once: see `POST /phones/TOKEN/positions`.
  */
 
+import { randomName, resultOf, write } from "../shared/indexed-db.js";
+
 /** @typedef {{time: number, lat: number, lon: number, height_m: ?number, accuracy_m: ?number}} Position */
 
 const STORE = "positions";
@@ -24,17 +26,17 @@ export class PositionQueue {
       asked.result.createObjectStore(STORE, { autoIncrement: true });
       asked.result.createObjectStore(SENDER);
     };
-    return new PositionQueue(await done(asked));
+    return new PositionQueue(await resultOf(asked));
   }
 
   /** Add a position; when the promise resolves, it is on disk. @param {Position} position */
   add(position) {
-    return this._write(STORE, (store) => store.add(position));
+    return write(this.database, STORE, (store) => store.add(position));
   }
 
   /** @returns {Promise<number>} */
   count() {
-    return done(this.database.transaction(STORE).objectStore(STORE).count());
+    return resultOf(this.database.transaction(STORE).objectStore(STORE).count());
   }
 
   /**
@@ -44,7 +46,7 @@ export class PositionQueue {
   async batch() {
     const transaction = this.database.transaction(STORE);
     const store = transaction.objectStore(STORE);
-    const [keys, positions] = await Promise.all([done(store.getAllKeys(null, AT_ONCE)), done(store.getAll(null, AT_ONCE))]);
+    const [keys, positions] = await Promise.all([resultOf(store.getAllKeys(null, AT_ONCE)), resultOf(store.getAll(null, AT_ONCE))]);
     if (!keys.length) return null;
     const { name, before } = (await this._sender()) ?? (await this.restart());
     return { sender: name, first: Number(keys[0]) - before, positions };
@@ -53,38 +55,18 @@ export class PositionQueue {
   /** Remove what the server has stored: positions before a number. @param {number} next */
   async stored(next) {
     const { before } = await this._sender();
-    await this._write(STORE, (store) => store.delete(IDBKeyRange.upperBound(next + before, true)));
+    await write(this.database, STORE, (store) => store.delete(IDBKeyRange.upperBound(next + before, true)));
   }
 
   /** Number what waits from 0 on, under a new name: the server does not know the old one. */
   async restart() {
-    const [first] = await done(this.database.transaction(STORE).objectStore(STORE).getAllKeys(null, 1));
+    const [first] = await resultOf(this.database.transaction(STORE).objectStore(STORE).getAllKeys(null, 1));
     const sender = { name: randomName(), before: Number(first) };
-    await this._write(SENDER, (store) => store.put(sender, SENDER));
+    await write(this.database, SENDER, (store) => store.put(sender, SENDER));
     return sender;
   }
 
   _sender() {
-    return done(this.database.transaction(SENDER).objectStore(SENDER).get(SENDER));
+    return resultOf(this.database.transaction(SENDER).objectStore(SENDER).get(SENDER));
   }
-
-  async _write(name, run) {
-    const transaction = this.database.transaction(name, "readwrite", { durability: "strict" });
-    run(transaction.objectStore(name));
-    await new Promise((resolve, reject) => {
-      transaction.oncomplete = resolve;
-      transaction.onabort = () => reject(transaction.error);
-    });
-  }
-}
-
-function done(request) {
-  return new Promise((resolve, reject) => {
-    request.onsuccess = () => resolve(request.result);
-    request.onerror = () => reject(request.error);
-  });
-}
-
-function randomName() {
-  return [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
 }

@@ -26,13 +26,12 @@ from webapp.core.geo.affine import apply_affine
 from webapp.core.geo.floors import Floor
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel
-from webapp.core.landmarks.radii import RADIUS_OVER_SIGMA
 from webapp.core.mapmodel.model import FACTS, WRITTEN, Experience, Map
 from webapp.errors import MapError
 from webapp.files.exchange.geojson import floor_properties
 from webapp.files.maps.folder import photo_path
 from webapp.missions.core.trajectory.outgoing import SOURCE_COLOURS, ExportObject, ExportTrack, MissionExport
-from webapp.missions.core.trajectory.records import Poses
+from webapp.missions.core.trajectory.records import Poses, covariance_radius_m
 from webapp.missions.files.geojson_writer import cut_at_meridian
 from webapp.progress import Progress
 from webapp.tasks.exchange.export_source import Source
@@ -229,13 +228,6 @@ def radius_of(e: Experience, georeference: Georeference) -> float | None:
     return metres if math.isfinite(metres) else None
 
 
-def covariance_radius(covariance_m2: Sequence[float] | None) -> float | None:
-    """Return the 68 % radius, metres; None if the covariance is unknown."""
-    if covariance_m2 is None or math.isnan(covariance_m2[0]):
-        return None
-    return RADIUS_OVER_SIGMA * math.sqrt((covariance_m2[0] + covariance_m2[1]) / 2.0)
-
-
 def _point(at: LatLon | None) -> Geometry | None:
     return None if at is None else point(at)
 
@@ -340,7 +332,7 @@ def _part(track: ExportTrack, part: Poses) -> Iterator[Row]:
         part.covariance_m2.tolist(), part.travelled_m.tolist(), strict=True,
     )  # fmt: skip
     for time, latlon, heading, height, covariance, travelled in table:
-        values = (*about, time, heading, height, covariance_radius(covariance), travelled)
+        values = (*about, time, heading, height, covariance_radius_m(covariance), travelled)
         yield point(LatLon(*latlon), height), values
 
 
@@ -348,7 +340,7 @@ def _object(found: ExportObject) -> Row:
     first, last = moments([found.first_time_s, found.last_time_s])
     values = (
         found.id, found.kind, found.state, found.confidence, found.sightings, first, last, found.height_m,
-        covariance_radius(found.covariance_m2), *(found.size_m or (None, None, None)), found.photo,
+        covariance_radius_m(found.covariance_m2), *(found.size_m or (None, None, None)), found.photo,
     )  # fmt: skip
     return point(found.latlon, found.height_m), values
 

@@ -6,14 +6,13 @@ import io
 import math
 import uuid
 import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 from webapp.connect.tak.events import UNKNOWN_M, CotEvent, to_xml
 from webapp.core.geo.types import LatLon
-from webapp.core.landmarks.radii import RADIUS_OVER_SIGMA
 from webapp.files.exchange.xml import quoted
 from webapp.missions.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
-from webapp.missions.core.trajectory.records import Poses
+from webapp.missions.core.trajectory.records import Poses, covariance_radius_m
 
 _HOW = {"gps": "m-g", "manual": "h-e"}
 """How the poses of a source were obtained; those of all others were computed."""
@@ -70,15 +69,14 @@ def _object(found: ExportObject, uid: str, *, now_s: float, keep_s: float) -> Co
         start_s=found.last_time_s,
         stale_s=now_s + keep_s,
         height_m=UNKNOWN_M if found.height_m is None else found.height_m,
-        radius_m=UNKNOWN_M if found.covariance_m2 is None else _radius(found.covariance_m2),
+        radius_m=_radius(found.covariance_m2),
         remarks=", ".join(facts),
     )
 
 
-def _radius(covariance_m2: Iterable[float]) -> float:
-    """Return the 68 % radius, metres."""
-    east, north, _ = covariance_m2
-    return UNKNOWN_M if math.isnan(east) else RADIUS_OVER_SIGMA * math.sqrt((east + north) / 2.0)
+def _radius(covariance_m2: Sequence[float] | None) -> float:
+    known = covariance_radius_m(covariance_m2)
+    return UNKNOWN_M if known is None else known
 
 
 def data_package(name: str, events: Iterable[CotEvent]) -> bytes:

@@ -18,6 +18,9 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 MOST_POINTS = 1000
 """Maximum number of points of a drawing."""
 
+MAX_NAME, MAX_NOTE = 120, 2000
+"""Characters."""
+
 MAX_ACROSS_M = 50_000.0
 """Maximum extent of an area or a line: in its plane, lengths are then right to a few millionths."""
 

@@ -12,13 +12,20 @@ import numpy as np
 from webapp.core import texts
 from webapp.errors import UsageError
 from webapp.files.exchange.times import utc_or_none
-from webapp.missions.core.drawings import KINDS, LEAST_RADIUS_M, MOST_RADIUS_M, RADIUS_M, Kind, checked_points
+from webapp.missions.core.drawings import (
+    KINDS,
+    LEAST_RADIUS_M,
+    MAX_NAME,
+    MAX_NOTE,
+    MOST_RADIUS_M,
+    RADIUS_M,
+    Kind,
+    checked_points,
+)
 from webapp.missions.core.trajectory.outgoing import ExportDrawing
 
 GEOMETRIES = {"area": "Polygon", "line": "LineString", "marker": "Point"}
 """Types of GeoJSON and elements of KML."""
-
-_MAX_NAME, _MAX_NOTE = 120, 2000
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,13 +61,13 @@ def found_drawing(
         shape = tuple(checked_points(kind, points))
     except UsageError:
         return None
-    name = texts.tidy_name(str(properties.get("name") or kind), most=_MAX_NAME) or kind
+    name = texts.tidy_name(str(properties.get("name") or kind), most=MAX_NAME) or kind
     note = str(properties.get("note") or "")
-    if len(note) > _MAX_NOTE or texts.has_controls(note, besides="\n\r\t"):
+    if len(note) > MAX_NOTE or texts.has_controls(note, besides="\n\r\t"):
         note = ""
     if kind != "area":
         return FoundDrawing(kind, name, shape, note)
-    assigned = texts.tidy_name(str(properties.get("assigned") or ""), most=_MAX_NAME) or ""
+    assigned = texts.tidy_name(str(properties.get("assigned") or ""), most=MAX_NAME) or ""
     searched = properties.get("searched") in (True, "true")
     return FoundDrawing(kind, name, shape, note, assigned, _radius(properties.get("radius_m")), searched)
 

@@ -13,15 +13,12 @@ from sqlalchemy.orm import Session
 from webapp.core import texts
 from webapp.errors import Conflict, NotFound, UsageError
 from webapp.missions.core import drawings as shapes
-from webapp.missions.core.drawings import RADIUS_M, Kind
+from webapp.missions.core.drawings import MAX_NAME, MAX_NOTE, RADIUS_M, Kind
 from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission, MissionDrawing
 
 MOST = 500
 """Maximum number of drawings of a mission."""
-
-MAX_NAME = 120
-MAX_NOTE = 2000
 
 _FLOAT64 = np.dtype("<f8")
 _ONLY_AREAS = ("assigned", "radius_m", "searched")

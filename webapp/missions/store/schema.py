@@ -262,7 +262,7 @@ class MissionDrawing(Base):
     points: Mapped[bytes] = mapped_column(LargeBinary)
     """float64 (n, 2), little-endian: lat, lon; an area is closed without repeating its first point."""
     assigned: Mapped[str] = mapped_column(default="")
-    """Who is to search the area: a name, or that of a track."""
+    """Assignee of the area: a name, or that of a track; may be empty."""
     radius_m: Mapped[float | None]
     """Distance at which somebody who passes has searched a spot of the area; None for other kinds."""
     searched_by: Mapped[str | None]

@@ -137,8 +137,10 @@ def import_track_file(
             if missing:
                 missions.count_change(mission)
                 _store(session, mission, parts=missing, ids=ids)
-    with write() as session:
-        drawn = _store_drawings(session, _mission(session, mission_id), findings.drawn, by=order.name)
+    drawn = False
+    if findings.drawn:
+        with write() as session:
+            drawn = _store_drawings(session, _mission(session, mission_id), findings.drawn, by=order.name)
     with library.database.read() as session:
         found = [session.get_one(Track, id) for id in ids.values()]
         made = tuple(ImportedTrack(t.id, t.source, t.name, t.poses, t.skipped, t.distance_m) for t in found)

@@ -10,18 +10,29 @@ from apiflask.fields import Float, Integer, List, Nested, String
 from apiflask.validators import Length, OneOf, Range
 
 from webapp.missions.core import drawings as shapes
-from webapp.missions.core.drawings import KINDS, LEAST_RADIUS_M, MOST_POINTS, MOST_RADIUS_M, RADIUS_M
+from webapp.missions.core.drawings import (
+    KINDS,
+    LEAST_RADIUS_M,
+    MAX_NOTE,
+    MOST_POINTS,
+    MOST_RADIUS_M,
+    RADIUS_M,
+)
 from webapp.missions.store import batches, drawings
-from webapp.missions.store.drawings import MAX_NOTE
 from webapp.missions.store.schema import MissionDrawing
 from webapp.missions.tasks.coverage import AreaCoverage, CoverageCache
 from webapp.missions.web.context import mission_role, open_mission
+from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library
 from webapp.web.fields import LATER, Boolean, BoundedList, RecordNumber
 
 blueprint = APIBlueprint(
     "api_mission_drawings", __name__, url_prefix="/api/v1/missions/<id:mission_id>", tag="Missions"
 )
+
+_limit = ConcurrencyLimit("coverage", share=0.25)
+"""A new area is compared with all poses: other requests keep most of the threads."""
+blueprint.record(_limit.set_up)
 
 _ID = "/drawings/<id:drawing_id>"
 _WHO = "null or empty for visitors."
@@ -38,7 +49,7 @@ class DrawingFields(Schema):
         most=MOST_POINTS + 1,
         metadata={"description": "Degrees north, degrees east; the outline of an area may not cross itself."},
     )
-    assigned = String(validate=LATER, metadata={"description": "Who is to search the area; may be empty."})
+    assigned = String(validate=LATER, metadata={"description": "Assignee of the area; may be empty."})
     radius_m = Float(
         allow_nan=False,
         validate=Range(LEAST_RADIUS_M, MOST_RADIUS_M),
@@ -148,8 +159,9 @@ def drawing_json(row: MissionDrawing, *, visitor: bool = False) -> dict[str, Any
 
 
 def coverage_json(mission_id: int) -> dict[str, Any]:
-    """Return the coverage of the areas of a mission; the fields of `CoverageOut`."""
-    return {"areas": [_coverage(one) for one in _covered().of_mission(library(), mission_id)]}
+    """Return the coverage of the areas of a mission; the fields of `CoverageOut`. Raises Busy."""
+    with _limit.slot():
+        return {"areas": [_coverage(one) for one in _covered().of_mission(library(), mission_id)]}
 
 
 @cache
@@ -189,7 +201,7 @@ def add(mission_id: int, given: dict[str, Any]) -> dict[str, Any]:
 @blueprint.input(DrawingChange, arg_name="given")
 @blueprint.output(DrawingOut)
 def change(mission_id: int, drawing_id: int, *, given: dict[str, Any]) -> dict[str, Any]:
-    """Change a drawing: its name, shape, who is to search it, or that it was searched."""
+    """Change a drawing: its name, shape, assignee, or that it was searched."""
     mission, who = open_mission(mission_id, "editor"), account()
     seen = given.pop("revision")
     with library().database.write(locks_rows=True) as session:

@@ -11,7 +11,7 @@ const NUMBER = /[+-]?\d+(?:\.\d+)?/g;
  * Ask for the fields of a drawing.
  * @param {Object} drawing as known so far: `kind`, `points`, perhaps the rest
  * @param {Object} how
- * @param {string[]} how.names offered for who is to search an area
+ * @param {string[]} how.names suggested as assignees of an area
  * @param {function(Object): Promise<*>} how.save gets the fields; an error stays in the dialog
  * @param {?function(): void} [how.redraw] draws the shape again on the map
  */

@@ -5,6 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from webapp.missions.web import api_drawings
+
 SQUARE = [[50.0, 14.0], [50.0, 14.0014], [50.0009, 14.0014], [50.0009, 14.0]]
 """About 100 m wide and high; the walk of the fixture runs along its western side."""
 
@@ -212,3 +214,17 @@ def test_visitors_see_areas_without_names_of_people(client, app, mission, area, 
     assert not any(found[name] for name in hidden)
     assert visitor.get(f"{base}/coverage").json["areas"][0]["share"] > 0
     assert visitor.get(base).json["drawings_revision"] > 0
+
+
+def test_coverage_leaves_threads_for_others(app, client, mission, area):
+    where = f"/api/v1/missions/{mission}/coverage"
+    with app.app_context():
+        free = api_drawings._limit.semaphore()
+    taken = 0
+    while free.acquire(blocking=False):
+        taken += 1
+    refused = client.get(where)
+    assert taken == 2 and refused.headers["Retry-After"] and refused.json["error"]["message"]
+    free.release()
+    for _ in range(2):
+        assert client.get(where).status_code == 200

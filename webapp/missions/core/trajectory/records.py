@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
@@ -9,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from webapp.core.geo.types import LatLon
+from webapp.core.landmarks.radii import RADIUS_OVER_SIGMA
 from webapp.robot.fields import SOURCES, Source
 
-__all__ = ["SOURCES", "Poses", "Sighting", "Source", "join", "make_poses"]
+__all__ = ["SOURCES", "Poses", "Sighting", "Source", "covariance_radius_m", "join", "make_poses"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,6 +57,13 @@ class Sighting:
     covariance_m2: tuple[float, float, float] | None = None
     size_m: tuple[float, float, float] | None = None  # Along the object's own axes, the last one up
     state: str = ""  # The object's state, read from a file that this program exported; empty if it has none
+
+
+def covariance_radius_m(covariance_m2: Sequence[float] | None) -> float | None:
+    """Return the radius that holds 68 %, metres; None if the covariance is unknown."""
+    if covariance_m2 is None or math.isnan(covariance_m2[0]):
+        return None
+    return RADIUS_OVER_SIGMA * math.sqrt((covariance_m2[0] + covariance_m2[1]) / 2.0)
 
 
 def make_poses(
