@@ -2,15 +2,15 @@
 
     python -m benchmarks.hostile [--minutes 60] [--seed 0] [--clients 4] [--only 12345]
 
-Random requests to all of the API, photos, satellite images, zips, `.cfg` files, missions, coordinate systems
-and decompression bombs (some of whose clients leave after three seconds) are sent by several clients to a
-separate server with a temporary library. Each request is derived from the seed and its number: `--only`
-repeats one. Prints a JSON object with the responses by kind and status, the slowest request of each kind and
-the slowest health check with their seconds, and the greatest memory of any process, over what it took when
-idle; on standard error each fault as it occurs: a 5xx other than "busy" (503 with `Retry-After`) and a full
-disk (507), no response, a response after more than a minute, a health check after more than ten seconds, a
-process with 700 MB more than when idle, an acknowledged photo that is missing or different. With faults, the
-end of the server's log follows, and the exit code is 1.
+Random requests to all of the API, photos, satellite images, zips, `.cfg` files, GeoPackages, missions, shapes
+drawn on them, positions of phones, coordinate systems and decompression bombs (some of whose clients leave
+after three seconds) are sent by several clients to a separate server with a temporary library. Each request
+is derived from the seed and its number: `--only` repeats one. Prints a JSON object with the responses by kind
+and status, the slowest request of each kind and the slowest health check with their seconds, and the greatest
+memory of any process, over what it took when idle; on standard error each fault as it occurs: a 5xx other
+than "busy" (503 with `Retry-After`) and a full disk (507), no response, a response after more than a minute,
+a health check after more than ten seconds, a process with 700 MB more than when idle, an acknowledged photo
+that is missing or different. With faults, the end of the server's log follows, and the exit code is 1.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ import numpy as np
 import requests
 from PIL import Image
 
-from benchmarks import hostile_files, hostile_inputs, hostile_json, hostile_maps
+from benchmarks import hostile_files, hostile_inputs, hostile_json, hostile_maps, hostile_missions
 from benchmarks.client import Client
 from benchmarks.editing_load import sign_in_links
 from benchmarks.hostile_inputs import Request
@@ -97,6 +97,12 @@ def make_request(
         "mission": lambda: _form(f"/missions/{known['mission_id']}/imports", hostile_inputs.track(chance)),
         "bomb": lambda: _form(f"/missions/{known['mission_id']}/imports", hostile_files.bomb(chance)),
         "preview": lambda: _form(_STAGED, hostile_files.bomb(chance), leave=chance.choice(("", "1"))),
+        "package": lambda: _form(f"/maps/{TARGET}/positions", hostile_missions.package(chance)),
+        "drawings": lambda: _form(
+            f"/missions/{known['mission_id']}/imports", hostile_missions.drawings_file(chance)
+        ),
+        "drawing": lambda: hostile_missions.drawing(chance, mission_id=known["mission_id"]),
+        "phone": lambda: hostile_missions.phone(chance, token=known["phone"]),
         "crs": lambda: Request("PUT", f"/maps/{TARGET}/georeference", json=_world_file(chance)),
     }
     kind = chance.choices(sorted(kinds), weights=[6 if kind == "api" else 1 for kind in sorted(kinds)])[0]
@@ -117,10 +123,12 @@ def main() -> None:
         ]
         for watch in watches:
             watch.start()
-        sent = _send_all(app, arguments, tally=tally)
-        over.set()
-        for watch in watches:
-            watch.join()
+        try:
+            sent = _send_all(app, arguments, tally=tally)
+        finally:
+            over.set()
+            for watch in watches:
+                watch.join()
         if memory.most_mb > _MOST_MB:
             tally.fault(f"{memory.process} took {memory.most_mb:.0f} MB more than when idle")
         _check_kept(owner, acknowledged, tally=tally)
@@ -191,7 +199,18 @@ def _known(client: Client) -> dict[str, Any]:
         client.call("POST", "/maps", json={"name": TARGET})
     missions = client.ask("GET", "/missions")["missions"]
     mission = missions[0] if missions else client.ask("POST", "/missions", json=_MISSION)
-    return {"slug": TARGET, "mission_id": mission["id"], "token": "none", "job_id": 1}
+    phone = _phone_token(client, mission["id"], name=f"phone {threading.get_ident()}")
+    return {"slug": TARGET, "mission_id": mission["id"], "token": "none", "job_id": 1, "phone": phone}
+
+
+def _phone_token(client: Client, mission_id: int, *, name: str) -> str:
+    """Make the phone of a client anew; return the token of its link, "none" if the mission was deleted."""
+    path = f"/missions/{mission_id}/phones"
+    for phone in client.call("GET", path).json().get("phones", []):
+        if phone["name"] == name:
+            client.call("DELETE", f"{path}/{phone['id']}")
+    made = client.call("POST", path, json={"name": name})
+    return str(made.json()["url"]).rpartition("/")[2] if made.ok else "none"
 
 
 def _send(client: Client, request: Request, *, tally: Tally, name: tuple[str, int]) -> None:

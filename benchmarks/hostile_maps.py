@@ -95,7 +95,7 @@ def _overlapping(chance: random.Random) -> bytes:
             again = copy(first)
             again.filename = name
             archive.filelist.append(again)
-        archive.writestr("end.jpg", b"")
+        archive.writestr(zipfile.ZipInfo("end.jpg"), b"")
     return file.getvalue()
 
 

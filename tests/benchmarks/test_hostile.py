@@ -28,7 +28,7 @@ DOCUMENT = {
     },
     "components": {"schemas": {"Change": {"type": "object", "properties": {"x_px": {"type": "number"}}}}},
 }
-KNOWN = {"slug": "target", "id": 3, "mission_id": 1}
+KNOWN = {"slug": "target", "id": 3, "mission_id": 1, "phone": "t"}
 
 
 def requests(seed, count=150):
@@ -54,6 +54,7 @@ def test_all_kinds_are_sent_and_most_addresses_exist():
     kinds = {kind for kind, _ in found}
     assert kinds >= {"api", "photo", "satellite", "zip", "mission", "crs", "positions"}
     assert kinds >= {"json", "bomb", "preview", "crowded-zip", "crowded-list"}
+    assert kinds >= {"package", "drawings", "drawing", "phone"}
     api = [request for kind, request in found if kind == "api"]
     assert all(request.method == "PATCH" and "{" not in request.path for request in api)
     assert sum(request.path == "/maps/target/photos/3" for request in api) > len(api) / 2
