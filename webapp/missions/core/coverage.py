@@ -40,8 +40,10 @@ class Coverage:
     radius_m: float
     _corner: _Metres = field(init=False)
     _cell: float = field(init=False)
-    _inside: NDArray[np.bool_] = field(init=False)
-    _covered: NDArray[np.bool_] = field(init=False)
+    # (rows, columns / 8) uint8: a bit for each sample, as there are millions
+    _inside: NDArray[np.uint8] = field(init=False)
+    _covered: NDArray[np.uint8] = field(init=False)
+    _shape: tuple[int, int] = field(init=False)
 
     def __post_init__(self) -> None:
         """Lay the grid."""
@@ -53,12 +55,15 @@ class Coverage:
         )
         columns, rows = (int(np.ceil(side / self._cell)) or 1 for side in (width, height))
         self._corner = low + self._cell / 2
-        self._inside = _inside(self.outline, self._corner, cell=self._cell, shape=(rows, columns))
-        self._covered = np.zeros((rows, columns), dtype=np.bool_)
+        self._shape = (rows, columns)
+        inside = _inside(self.outline, self._corner, cell=self._cell, shape=self._shape)
+        self._inside = np.packbits(inside, axis=1)
+        self._covered = np.zeros_like(self._inside)
 
-    def clear(self) -> None:
-        """Forget all tracks."""
-        self._covered[:] = False
+    @property
+    def samples(self) -> int:
+        """Number of samples, inside the area or not."""
+        return self._shape[0] * self._shape[1]
 
     def add(self, metres: _Metres, joined: NDArray[np.bool_]) -> None:
         """Add a part of a track.
@@ -75,8 +80,8 @@ class Coverage:
     @property
     def share(self) -> float | None:
         """The covered share of the area; None for one so narrow that no sample is inside."""
-        samples = int(np.count_nonzero(self._inside))
-        return int(np.count_nonzero(self._covered & self._inside)) / samples if samples else None
+        samples = _count(self._inside)
+        return _count(self._covered & self._inside) / samples if samples else None
 
     def _near(self, points: _Metres) -> _Metres:
         low, high = self.outline.min(axis=0) - self.radius_m, self.outline.max(axis=0) + self.radius_m
@@ -85,7 +90,7 @@ class Coverage:
 
     def _mark(self, at: _Metres) -> None:
         """Mark the samples within the radius of points, in cells: in each row they are a run."""
-        reach, (rows, columns) = self.radius_m / self._cell, self._covered.shape
+        reach, (rows, columns) = self.radius_m / self._cell, self._shape
         edges = np.zeros((rows, columns + 1), dtype=np.int32)
         nearest = np.floor(at[:, 1]).astype(np.int64)
         offsets = range(-int(reach) - 1, int(reach) + 3)
@@ -100,7 +105,11 @@ class Coverage:
             some = first < stop
             np.add.at(edges, (row[known][some], first[some]), 1)
             np.add.at(edges, (row[known][some], stop[some]), -1)
-        self._covered |= np.cumsum(edges, axis=1)[:, :-1] > 0
+        self._covered |= np.packbits(np.cumsum(edges, axis=1)[:, :-1] > 0, axis=1)
+
+
+def _count(bits: NDArray[np.uint8]) -> int:
+    return int(np.bitwise_count(bits).sum(dtype=np.int64))
 
 
 def joined_by_time(times_s: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -28,8 +28,15 @@ _BLOCK = 20_000
 _BEFORE = 64
 """Poses before new ones that are read again, to know the usual interval."""
 
-_KEPT = 64
-"""Areas whose covered grid is in memory, up to a few megabytes each: new poses are added to it."""
+_KEPT = 4096
+"""Areas whose share is in memory."""
+
+_SAMPLES = 64_000_000
+"""Samples, 16 MB, of the areas whose grid is in memory, too, so that new poses can be added to it."""
+
+
+_Counted = dict[int, tuple[object, int]]
+"""Marks, and number of poses that were counted, by the id of the track."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,18 +54,19 @@ class AreaCoverage:
 class _Kept:
     """The covered part of an area, and what it was computed from."""
 
-    coverage: Coverage
     frame: LocalFrame
+    coverage: Coverage | None = None
     lock: threading.Lock = field(default_factory=threading.Lock)
-    counted: dict[int, tuple[object, int]] = field(default_factory=dict)
+    counted: _Counted | None = None
     share: float | None = None
 
 
 class CoverageCache:
     """The coverage of areas last asked for; it depends on their shape, the radius, and the poses only."""
 
-    def __init__(self, most: int = _KEPT) -> None:
+    def __init__(self, most: int = _KEPT, *, samples: int = _SAMPLES) -> None:
         self._most = most
+        self._samples = samples
         self._lock = threading.Lock()
         self._kept: OrderedDict[tuple[object, ...], _Kept] = OrderedDict()
 
@@ -79,30 +87,45 @@ class CoverageCache:
     ) -> float | None:
         kept = self._entry((at, row.mission_id, row.points, row.radius_m), row)
         with kept.lock:
-            if not _has_grown(kept, found):
-                kept.coverage.clear()
-                kept.counted = {}
-            new = [track for track in found if kept.counted.get(track.id, (None, -1))[1] != track.poses]
-            for track in new:
-                first = kept.counted.get(track.id, (None, 0))[1]
-                _add(session, kept, track, first=first)
-                kept.counted[track.id] = (_marks(track), track.poses)
-            if new or kept.share is None:
-                kept.share = kept.coverage.share
-            return kept.share
+            coverage, counted = kept.coverage, kept.counted
+            if counted is not None and not _has_grown(counted, found):
+                counted = None
+            if counted is not None and not _new(counted, found):
+                return kept.share
+            if counted is None or coverage is None:
+                coverage, counted = _laid(kept, row), {}
+            for track in _new(counted, found):
+                first = counted.get(track.id, (None, 0))[1]
+                _add(session, coverage, track, frame=kept.frame, first=first)
+                counted[track.id] = (_marks(track), track.poses)
+            kept.share, kept.coverage, kept.counted = coverage.share, coverage, counted
+        self._release()
+        return kept.share
 
     def _entry(self, key: tuple[object, ...], row: MissionDrawing) -> _Kept:
         with self._lock:
             kept = self._kept.get(key)
             if kept is None:
-                points = drawings.points_of(row)
-                frame = LocalFrame(centre_of(points))
-                assert row.radius_m is not None, "areas have a radius"
-                kept = self._kept[key] = _Kept(Coverage(frame.enu_from_latlon(points), row.radius_m), frame)
+                kept = self._kept[key] = _Kept(LocalFrame(centre_of(drawings.points_of(row))))
             self._kept.move_to_end(key)
             while len(self._kept) > self._most:
                 self._kept.popitem(last=False)
             return kept
+
+    def _release(self) -> None:
+        """Release the grids of the areas least recently asked for; their shares stay."""
+        left = self._samples
+        with self._lock:
+            for kept in reversed(self._kept.values()):
+                if kept.coverage is not None:
+                    left -= kept.coverage.samples
+                    if left < 0:
+                        kept.coverage = None
+
+
+def _laid(kept: _Kept, row: MissionDrawing) -> Coverage:
+    assert row.radius_m is not None, "areas have a radius"
+    return Coverage(kept.frame.enu_from_latlon(drawings.points_of(row)), row.radius_m)
 
 
 def counting_tracks(found: Sequence[Track]) -> list[Track]:
@@ -120,17 +143,21 @@ def _marks(track: Track) -> object:
     return track.removed, track.thinned_poses, track.timed, rewritten
 
 
-def _has_grown(kept: _Kept, found: Sequence[Track]) -> bool:
+def _has_grown(counted: _Counted, found: Sequence[Track]) -> bool:
     """Return whether at most new tracks and new poses were added."""
     now = {track.id: track for track in found}
     return all(
         id in now and marks == _marks(now[id]) and count <= now[id].poses
-        for id, (marks, count) in kept.counted.items()
+        for id, (marks, count) in counted.items()
     )
 
 
-def _add(session: Session, kept: _Kept, track: Track, *, first: int) -> None:
-    for poses, number in _parts(session, kept, track, first=first):
+def _new(counted: _Counted, found: Sequence[Track]) -> list[Track]:
+    return [track for track in found if counted.get(track.id, (None, -1))[1] != track.poses]
+
+
+def _add(session: Session, coverage: Coverage, track: Track, *, frame: LocalFrame, first: int) -> None:
+    for poses, number in _parts(session, coverage, track, frame=frame, first=first):
         if track.source in _UNJOINED or (track.removed and track.thinned_m is None):
             joined = np.zeros(max(len(poses) - 1, 0), dtype=np.bool_)
         elif not track.timed:
@@ -139,10 +166,12 @@ def _add(session: Session, kept: _Kept, track: Track, *, first: int) -> None:
             joined = joined_by_time(poses.times_s)
             # where poses were left out on purpose, the intervals say nothing
             joined |= np.arange(number + 1, number + len(poses)) < track.thinned_poses
-        kept.coverage.add(kept.frame.enu_from_latlon(poses.latlon), joined)
+        coverage.add(frame.enu_from_latlon(poses.latlon), joined)
 
 
-def _parts(session: Session, kept: _Kept, track: Track, *, first: int) -> Iterator[tuple[Poses, int]]:
+def _parts(
+    session: Session, coverage: Coverage, track: Track, *, frame: LocalFrame, first: int
+) -> Iterator[tuple[Poses, int]]:
     """Yield poses that may be near the area, each part with its first number, and some before it."""
     pieces = [one for one in tracks.list_pieces(session, track, level=0) if one.first_number >= first]
     end = first
@@ -150,7 +179,7 @@ def _parts(session: Session, kept: _Kept, track: Track, *, first: int) -> Iterat
         begin, end = piece.first_number, piece.first_number + piece.count
         if begin == pieces[0].first_number and begin > first:
             yield _read(session, track, first, end=begin)
-        if _is_near(kept, piece.bounds):
+        if _is_near(coverage, piece.bounds, frame=frame):
             yield _read(session, track, begin, end=end)
     for begin in range(end, track.poses, _BLOCK):
         yield _read(session, track, begin, end=begin + _BLOCK)
@@ -161,12 +190,12 @@ def _read(session: Session, track: Track, begin: int, *, end: int) -> tuple[Pose
     return tracks.read(session, track, first=begin, stop=end + 1), begin
 
 
-def _is_near(kept: _Kept, bounds: tuple[float, float, float, float]) -> bool:
+def _is_near(coverage: Coverage, bounds: tuple[float, float, float, float], *, frame: LocalFrame) -> bool:
     south, west, north, east = bounds
     if east - west > 180.0:
         return True
-    corners = kept.frame.enu_from_latlon([(south, west), (south, east), (north, west), (north, east)])
-    pad = kept.coverage.radius_m + tolerance_of(0) + 1.0
-    low, high = kept.coverage.outline.min(axis=0) - pad, kept.coverage.outline.max(axis=0) + pad
+    corners = frame.enu_from_latlon([(south, west), (south, east), (north, west), (north, east)])
+    pad = coverage.radius_m + tolerance_of(0) + 1.0
+    low, high = coverage.outline.min(axis=0) - pad, coverage.outline.max(axis=0) + pad
     far = float(np.abs(corners).max()) > 1e6  # the plane bends far away: look at the poses
     return far or bool((corners.min(axis=0) <= high).all() and (corners.max(axis=0) >= low).all())

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from webapp.missions.tasks.coverage import CoverageCache
 from webapp.missions.web import api_drawings
 
 SQUARE = [[50.0, 14.0], [50.0, 14.0014], [50.0009, 14.0014], [50.0009, 14.0]]
@@ -108,6 +109,19 @@ def test_poses_sent_one_by_one_cover_what_they_cover_together(send, area, covere
             covered()
     alone = covered()["share"]
     assert alone == pytest.approx((80 * 10 + np.pi * 25) / 10_050, rel=0.05)
+
+
+def test_areas_whose_grid_was_released_keep_their_share(
+    client, drawings, send, walk, area, covered, library, mission
+):
+    send(walk(40))
+    cache = CoverageCache(samples=1)
+    before = cache.of_mission(library, mission)
+    assert before[0].share == covered()["share"] > 0
+    assert [kept.coverage for kept in cache._kept.values()] == [None]
+    assert cache.of_mission(library, mission) == before
+    send(walk(40, begin=40), first=40)
+    assert cache.of_mission(library, mission)[0].share == covered()["share"] > before[0].share
 
 
 def test_odometry_counts_only_where_there_is_nothing_better(send, walk, area, covered):
