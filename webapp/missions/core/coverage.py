@@ -2,11 +2,13 @@
 
 The area is sampled by a regular grid of points, each tested exactly against the track, so that the estimate
 has no bias at the edges. The grid has a few points per radius, but at most `_MOST_SAMPLES`: of an area
-kilometres across, a single narrow track is counted roughly.
+kilometres across, a single narrow track is counted roughly. Time and memory depend on the rows of the grid
+that ways cross, not on the length of the ways.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,11 +23,10 @@ _PER_RADIUS = 6.0
 """Samples per radius."""
 _ACROSS = 64.0
 """Samples across a small area, at least."""
-_STEP = 0.25
-"""Distance of the points into which the line of a track is divided, in radii: the union of their discs is
-narrower than the strip along the line by less than one per cent."""
-_SNAP = 0.02
-"""Points closer than this, in radii, count as one: a robot that stands still sends many."""
+_MOST_ALONG = 65_536
+"""Rows, and columns."""
+_AT_ONCE = 1 << 20
+"""Rows of ways that are computed at once, each by a few numbers."""
 
 
 @dataclass(slots=True)
@@ -51,7 +52,7 @@ class Coverage:
         width, height = (high - low).tolist()
         fine = min(self.radius_m / _PER_RADIUS, max(width, height) / _ACROSS)
         self._cell = max(
-            fine, float(np.sqrt(width * height / _MOST_SAMPLES)), max(width, height) / _MOST_SAMPLES
+            fine, float(np.sqrt(width * height / _MOST_SAMPLES)), max(width, height) / _MOST_ALONG
         )
         columns, rows = (int(np.ceil(side / self._cell)) or 1 for side in (width, height))
         self._corner = low + self._cell / 2
@@ -72,10 +73,9 @@ class Coverage:
             metres: (m, 2) float64
             joined: (m - 1,) bool. Whether the way between a point and the next is known: a straight line.
         """
-        points = self._near(_along(metres, joined, step=_STEP * self.radius_m))
-        self._mark(
-            (_distinct(points, min(_SNAP * self.radius_m, self._cell / 4)) - self._corner) / self._cell
-        )
+        low, high = self.outline.min(axis=0) - self.radius_m, self.outline.max(axis=0) + self.radius_m
+        starts, ways = _clipped(*_ways(metres, joined), low=low, high=high)
+        self._mark((starts - self._corner) / self._cell, ways / self._cell)
 
     @property
     def share(self) -> float | None:
@@ -83,29 +83,69 @@ class Coverage:
         samples = _count(self._inside)
         return _count(self._covered & self._inside) / samples if samples else None
 
-    def _near(self, points: _Metres) -> _Metres:
-        low, high = self.outline.min(axis=0) - self.radius_m, self.outline.max(axis=0) + self.radius_m
-        near: _Metres = points[((points >= low) & (points <= high)).all(axis=1)]
-        return near
-
-    def _mark(self, at: _Metres) -> None:
-        """Mark the samples within the radius of points, in cells: in each row they are a run."""
+    def _mark(self, starts: _Metres, ways: _Metres) -> None:
+        """Mark the samples within the radius of straight ways, in cells: in each row they are a run."""
         reach, (rows, columns) = self.radius_m / self._cell, self._shape
-        edges = np.zeros((rows, columns + 1), dtype=np.int32)
-        nearest = np.floor(at[:, 1]).astype(np.int64)
-        offsets = range(-int(reach) - 1, int(reach) + 3)
-        fewer = len(offsets) < rows
-        for number in offsets if fewer else range(rows):
-            row = nearest + number if fewer else np.full(len(at), number)
-            left = reach**2 - (row - at[:, 1]) ** 2
-            known = (left >= 0) & (row >= 0) & (row < rows)
-            half = np.sqrt(left[known])
-            first = np.clip(np.ceil(at[known, 0] - half), 0, columns).astype(np.int64)
-            stop = np.clip(np.floor(at[known, 0] + half) + 1, 0, columns).astype(np.int64)
-            some = first < stop
-            np.add.at(edges, (row[known][some], first[some]), 1)
-            np.add.at(edges, (row[known][some], stop[some]), -1)
-        self._covered |= np.packbits(np.cumsum(edges, axis=1)[:, :-1] > 0, axis=1)
+        y, dy = starts[:, 1], ways[:, 1]
+        first = np.clip(np.ceil(y + np.minimum(dy, 0) - reach), 0, rows).astype(np.int64)
+        stop = np.clip(np.floor(y + np.maximum(dy, 0) + reach) + 1, 0, rows).astype(np.int64)
+        counts = np.maximum(stop - first, 0)
+        if not counts.any():
+            return
+        top, bottom = int(first[counts > 0].min()), int(stop[counts > 0].max())
+        edges = np.zeros((bottom - top, columns + 1), dtype=np.int32)
+        for some in _parts(counts):
+            owner = np.repeat(np.arange(some.start, some.stop), counts[some])
+            begins = np.cumsum(counts[some]) - counts[some]
+            row = first[owner] + np.arange(len(owner)) - np.repeat(begins, counts[some])
+            left, right = _run(starts[owner], ways[owner], row=row, reach=reach)
+            begin = np.clip(np.ceil(left), 0, columns).astype(np.int64)
+            end = np.clip(np.floor(right) + 1, 0, columns).astype(np.int64)
+            some_in = begin < end
+            np.add.at(edges, (row[some_in] - top, begin[some_in]), 1)
+            np.add.at(edges, (row[some_in] - top, end[some_in]), -1)
+        marked = np.cumsum(edges, axis=1, dtype=np.int32)[:, :-1] > 0
+        self._covered[top:bottom] |= np.packbits(marked, axis=1)
+
+
+def _parts(counts: NDArray[np.int64]) -> Iterator[slice]:
+    """Divide ways by the rows that they cross, `_AT_ONCE` together if each crosses fewer."""
+    ends = np.cumsum(counts)
+    begin = 0
+    while begin < len(counts):
+        before = int(ends[begin - 1]) if begin else 0
+        end = max(int(np.searchsorted(ends, before + _AT_ONCE, side="right")), begin + 1)
+        yield slice(begin, end)
+        begin = end
+
+
+def _run(
+    starts: _Metres, ways: _Metres, *, row: NDArray[np.int64], reach: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where the samples of a row begin and end that are within reach of a way; all in cells.
+
+    The point of the way, `t` from 0 to 1, whose disc reaches farthest in the row is where the disc's edge is
+    parallel to the way, or as near to it as the discs that meet the row and the ends of the way allow.
+
+    Returns:
+        Columns, (n,) float64 each; an end before its begin where no disc meets the row.
+    """
+    (x, y), (dx, dy) = starts.T, ways.T
+    above = row - y
+    flat = np.abs(dy) < 1e-9 * reach
+    slope = np.where(flat, 1.0, dy)
+    at_edges = np.array([(above - reach) / slope, (above + reach) / slope])
+    least, most = at_edges.min(axis=0), at_edges.max(axis=0)
+    meets = np.where(flat, np.abs(above) <= reach, (least <= 1) & (most >= 0))
+    least, most = np.where(flat, 0.0, np.clip(least, 0, 1)), np.where(flat, 1.0, np.clip(most, 0, 1))
+    parallel = reach * np.sign(slope) * dx / np.maximum(np.hypot(dx, slope), 1e-300)
+    runs = []
+    for side in (-1.0, 1.0):
+        t = np.where(flat, side * dx > 0, (above + side * parallel) / slope)
+        t = np.clip(t, least, most)
+        half = np.sqrt(np.maximum(reach**2 - (above - t * dy) ** 2, 0.0))
+        runs.append(x + t * dx + side * half)
+    return np.where(meets, runs[0], np.inf), np.where(meets, runs[1], -np.inf)
 
 
 def _count(bits: NDArray[np.uint8]) -> int:
@@ -125,24 +165,24 @@ def joined_by_time(times_s: NDArray[np.float64]) -> NDArray[np.bool_]:
     return (waits >= 0) & (waits <= gap_s)
 
 
-def _along(metres: _Metres, joined: NDArray[np.bool_], *, step: float) -> _Metres:
-    """Return the points of a track, and points at most `step` apart on its known ways."""
-    if len(metres) < 2:
-        return metres
-    ways = np.diff(metres, axis=0)
-    counts = np.where(joined, np.ceil(np.hypot(*ways.T) / step), 1.0).astype(np.int64)
-    counts = np.maximum(counts, 1)
-    owner = np.repeat(np.arange(len(ways)), counts)
-    nth = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
-    share = (nth / counts[owner])[:, None]
-    return np.concatenate([metres[owner] + share * ways[owner], metres[-1:]])
+def _ways(metres: _Metres, joined: NDArray[np.bool_]) -> tuple[_Metres, _Metres]:
+    """Return the begins of the known ways of a track, and the ways: (0, 0) at points without one."""
+    alone = ~(np.append(joined, False) | np.append(False, joined))
+    starts = np.concatenate([metres[:-1][joined], metres[alone]])
+    return starts, np.concatenate([np.diff(metres, axis=0)[joined], np.zeros((int(alone.sum()), 2))])
 
 
-def _distinct(points: _Metres, snap: float) -> _Metres:
-    """Return points on a fine grid, each once."""
-    steps = np.round(points / snap).astype(np.int64)
-    keys = np.unique((steps[:, 0] << 32) + (steps[:, 1] + (1 << 31)))
-    return np.column_stack([keys >> 32, (keys & 0xFFFFFFFF) - (1 << 31)]) * snap
+def _clipped(starts: _Metres, ways: _Metres, *, low: _Metres, high: _Metres) -> tuple[_Metres, _Metres]:
+    """Return the parts of ways that are within a rectangle (Liang and Barsky)."""
+    still = ways == 0
+    slope = np.where(still, 1.0, ways)
+    at_edges = np.array([(low - starts) / slope, (high - starts) / slope])
+    outside = still & ((starts < low) | (starts > high))
+    enter = np.where(still, 0.0, at_edges.min(axis=0)).max(axis=1).clip(min=0.0)
+    leave = np.where(still, 1.0, at_edges.max(axis=0)).min(axis=1).clip(max=1.0)
+    near = (enter <= leave) & ~outside.any(axis=1)
+    enter, leave = enter[near, None], leave[near, None]
+    return starts[near] + enter * ways[near], (leave - enter) * ways[near]
 
 
 def _inside(outline: _Metres, corner: _Metres, *, cell: float, shape: tuple[int, int]) -> NDArray[np.bool_]:

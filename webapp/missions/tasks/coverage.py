@@ -7,6 +7,7 @@ manual positions, of which each covers its own surroundings only, if there is no
 from __future__ import annotations
 
 import threading
+import time
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -15,6 +16,7 @@ import numpy as np
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.local import LocalFrame, centre_of
+from webapp.errors import Busy
 from webapp.missions.core.coverage import Coverage, joined_by_time
 from webapp.missions.core.trajectory.records import Poses
 from webapp.missions.store import drawings, tracks
@@ -34,6 +36,11 @@ _KEPT = 4096
 _SAMPLES = 64_000_000
 """Samples, 16 MB, of the areas whose grid is in memory, too, so that new poses can be added to it."""
 
+_AT_ONCE = 256
+"""Poses between two looks at the clock: of the longest ways across the finest grid, a few seconds' work."""
+
+_BUDGET_S = 5.0
+_WAIT_S = 2
 
 _Counted = dict[int, tuple[object, int]]
 """Marks, and number of poses that were counted, by the id of the track."""
@@ -61,29 +68,54 @@ class _Kept:
     share: float | None = None
 
 
+class _Budget:
+    """The time that a request may take."""
+
+    def __init__(self, seconds: float) -> None:
+        self._until = time.monotonic() + seconds
+        self._begun = False
+
+    def check(self) -> None:
+        """Raise Busy when the time is over; not at the first call, so that each request gets on."""
+        if self._begun and time.monotonic() > self._until:
+            raise Busy(
+                "what the tracks have covered is still being computed",
+                wait_s=_WAIT_S,
+                hint="ask again: the server goes on where it stopped",
+            )
+        self._begun = True
+
+
 class CoverageCache:
     """The coverage of areas last asked for; it depends on their shape, the radius, and the poses only."""
 
-    def __init__(self, most: int = _KEPT, *, samples: int = _SAMPLES) -> None:
-        self._most = most
+    def __init__(self, *, samples: int = _SAMPLES, budget_s: float = _BUDGET_S) -> None:
         self._samples = samples
+        self._budget_s = budget_s
         self._lock = threading.Lock()
         self._kept: OrderedDict[tuple[object, ...], _Kept] = OrderedDict()
 
     def of_mission(self, library: Library, mission_id: int) -> list[AreaCoverage]:
-        """Compute the coverage of each area of a mission, in order of creation."""
+        """Compute the coverage of each area of a mission, in order of creation.
+
+        Raises:
+            Busy: It takes longer than the budget; the next call goes on where this one ended.
+        """
+        budget = _Budget(self._budget_s)
         with library.database.read() as session:
             found = counting_tracks(tracks.list_tracks(session, mission_id))
             areas = [row for row in drawings.list_drawings(session, mission_id) if row.kind == "area"]
             ids = tuple(track.id for track in found)
             exact = not any(track.removed for track in found)
             return [
-                AreaCoverage(row.id, self._share(session, row, found, at=library.folder), ids, exact)
+                AreaCoverage(
+                    row.id, self._share(session, row, found, at=library.folder, budget=budget), ids, exact
+                )
                 for row in areas
             ]
 
     def _share(
-        self, session: Session, row: MissionDrawing, found: list[Track], *, at: object
+        self, session: Session, row: MissionDrawing, found: list[Track], *, at: object, budget: _Budget
     ) -> float | None:
         kept = self._entry((at, row.mission_id, row.points, row.radius_m), row)
         with kept.lock:
@@ -93,12 +125,19 @@ class CoverageCache:
             if counted is not None and not _new(counted, found):
                 return kept.share
             if counted is None or coverage is None:
+                budget.check()
                 coverage, counted = _laid(kept, row), {}
-            for track in _new(counted, found):
+            kept.coverage, kept.counted = coverage, counted
+            for number, track in enumerate(_new(counted, found)):
+                if number:
+                    budget.check()
                 first = counted.get(track.id, (None, 0))[1]
-                _add(session, coverage, track, frame=kept.frame, first=first)
+                for done in _add(session, coverage, track, frame=kept.frame, first=first):
+                    counted[track.id] = (_marks(track), done)
+                    if done < track.poses:
+                        budget.check()
                 counted[track.id] = (_marks(track), track.poses)
-            kept.share, kept.coverage, kept.counted = coverage.share, coverage, counted
+            kept.share = coverage.share
         self._release()
         return kept.share
 
@@ -108,7 +147,7 @@ class CoverageCache:
             if kept is None:
                 kept = self._kept[key] = _Kept(LocalFrame(centre_of(drawings.points_of(row))))
             self._kept.move_to_end(key)
-            while len(self._kept) > self._most:
+            while len(self._kept) > _KEPT:
                 self._kept.popitem(last=False)
             return kept
 
@@ -156,7 +195,10 @@ def _new(counted: _Counted, found: Sequence[Track]) -> list[Track]:
     return [track for track in found if counted.get(track.id, (None, -1))[1] != track.poses]
 
 
-def _add(session: Session, coverage: Coverage, track: Track, *, frame: LocalFrame, first: int) -> None:
+def _add(
+    session: Session, coverage: Coverage, track: Track, *, frame: LocalFrame, first: int
+) -> Iterator[int]:
+    """Add the poses of a track from a number on; yields now and then how many of the track were counted."""
     for poses, number in _parts(session, coverage, track, frame=frame, first=first):
         if track.source in _UNJOINED or (track.removed and track.thinned_m is None):
             joined = np.zeros(max(len(poses) - 1, 0), dtype=np.bool_)
@@ -166,7 +208,11 @@ def _add(session: Session, coverage: Coverage, track: Track, *, frame: LocalFram
             joined = joined_by_time(poses.times_s)
             # where poses were left out on purpose, the intervals say nothing
             joined |= np.arange(number + 1, number + len(poses)) < track.thinned_poses
-        coverage.add(frame.enu_from_latlon(poses.latlon), joined)
+        metres = frame.enu_from_latlon(poses.latlon)
+        for begin in range(0, len(poses), _AT_ONCE):
+            end = begin + _AT_ONCE
+            coverage.add(metres[begin : end + 1], joined[begin:end])
+            yield max(first, min(number + end, track.poses))
 
 
 def _parts(

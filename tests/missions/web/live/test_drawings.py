@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from webapp.errors import Busy
 from webapp.missions.tasks.coverage import CoverageCache
 from webapp.missions.web import api_drawings
 
@@ -122,6 +123,24 @@ def test_areas_whose_grid_was_released_keep_their_share(
     assert cache.of_mission(library, mission) == before
     send(walk(40, begin=40), first=40)
     assert cache.of_mission(library, mission)[0].share == covered()["share"] > before[0].share
+
+
+def test_a_call_that_takes_too_long_ends_and_the_next_goes_on(
+    client, drawings, send, walk, area, covered, library, mission
+):
+    for name in "ab":
+        client.post(drawings, json={"kind": "area", "name": name, "points": SQUARE, "radius_m": 7})
+    send(walk(1500))
+    cache, ended = CoverageCache(budget_s=0), 0
+    while ended < 10:
+        try:
+            found = cache.of_mission(library, mission)
+            break
+        except Busy:
+            ended += 1
+    assert 2 < ended < 10
+    assert found[0].share == covered()["share"] > 0
+    assert found[2].share > found[0].share
 
 
 def test_odometry_counts_only_where_there_is_nothing_better(send, walk, area, covered):
