@@ -1,5 +1,7 @@
 """A secret link: created by the owner, opened by a visitor, and revoked."""
 
+import re
+
 import pytest
 from playwright.sync_api import expect
 
@@ -75,6 +77,7 @@ def test_a_secret_link_works_and_stops_working(page, visitor, make_link, sample_
     visitor.get_by_test_id("query-input").set_input_files(photo)
     expect(visitor.get_by_test_id("hypothesis").first).to_be_visible()
     expect(visitor.get_by_test_id("off-map")).to_be_visible()
+    expect(visitor.locator("#answer-facts")).to_contain_text(re.compile(r"Place 1\s*[\d.]+° N"))
     assert axe.findings(visitor) == []
     page.get_by_role("button", name="Revoke the link").first.click()
     page.get_by_role("button", name="Revoke it").click()
@@ -150,6 +153,19 @@ def test_a_new_photo_cancels_the_one_before(visitor, asks):
     expect(visitor.locator("#busy-words")).to_be_hidden()
     assert visitor.locator("#answer").inner_text() == answer
     expect(visitor.get_by_test_id("error-message")).to_have_count(0)
+
+
+def test_a_photo_waits_until_the_map_is_ready(visitor, asks):
+    not_yet = {"code": "not_ready", "message": "photos cannot be localized on this map yet"}
+    visitor.context.watch.expect(409)
+    visitor.route(HELD, lambda route: route.fulfill(status=409, json={"error": not_yet}), times=1)
+    visitor.clock.install()
+    asks(1)
+    expect(visitor.locator("#notes")).to_contain_text("localized as soon as the map is ready")
+    expect(visitor.get_by_test_id("hypothesis")).to_have_count(0)
+    visitor.clock.fast_forward(16_000)
+    expect(visitor.get_by_test_id("hypothesis").first).to_be_visible()
+    expect(visitor.locator("#notes")).to_be_empty()
 
 
 def test_no_answer_stays_with_the_next_photo(visitor, asks, tmp_path):

@@ -1,6 +1,9 @@
 """The start of a server."""
 
 import socket
+from types import SimpleNamespace
+
+import pytest
 
 from webapp.jobs import serving
 from webapp.jobs.serving import _Start
@@ -50,3 +53,31 @@ def test_a_first_start_shows_how_far_the_sample_map_is(library, settings, monkey
         with library.database.write() as session:
             jobs.finish(session, held)
         assert start._sample_is_made()
+
+
+@pytest.mark.parametrize(
+    ("there", "lines"),
+    [
+        ("192.168.1.7", ["listening on http://127.0.0.1:{}", "on other machines of this network: http://192.168.1.7:{}",
+                         "sign in: http://192.168.1.7:{}/sign-in/"]),
+        (None, ["listening on http://127.0.0.1:{}", "sign in: http://127.0.0.1:{}/sign-in/"]),
+    ],
+)  # fmt: skip
+def test_a_server_for_a_network_prints_its_address_there(library, settings, monkeypatch, there, lines):
+    monkeypatch.setattr(serving, "_network_address", lambda _family: there)
+    monkeypatch.setattr(_Start, "_answers", lambda _self: True)
+    printed = []
+    with socket.create_server(("0.0.0.0", 0)) as listener:
+        start = _Start(library, listener, settings=settings)
+        start._sample = None
+        start.poll(SimpleNamespace(failures=0), echo=printed.append)
+        port = listener.getsockname()[1]
+    assert len(printed) == len(lines)
+    assert all(a.startswith(b.format(port)) for a, b in zip(printed, lines, strict=True))
+
+
+def test_the_address_in_the_network_is_one_of_this_machine():
+    found = serving._network_address(socket.AF_INET)
+    if found is not None:
+        with socket.create_server((found, 0)) as listener:
+            assert listener.getsockname()[0] == found

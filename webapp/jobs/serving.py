@@ -54,6 +54,8 @@ _ANSWERS_WITHIN_S = 1.0
 _BACKLOG = 512
 SPARE_S = 3.0
 _HERE = {"0.0.0.0": "127.0.0.1", "::": "::1"}
+_OUTSIDE = {socket.AF_INET: "192.0.2.1", socket.AF_INET6: "2001:db8::1"}
+"""Addresses for documentation: the system is asked which of its own it would send from."""
 """Loopback addresses of a server that listens on all interfaces."""
 
 
@@ -123,6 +125,19 @@ def _metrics_folder(settings: Settings) -> Iterator[dict[str, str]]:
     require("cluster")
     with TemporaryDirectory(prefix="expmap-metrics-") as folder:
         yield {METRICS_FOLDER: folder}
+
+
+def _url(host: str, port: int) -> str:
+    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+
+
+def _network_address(family: int) -> str | None:
+    """Return the address of this machine in its network; None without a network. Sends nothing."""
+    outside = _OUTSIDE[socket.AddressFamily(family)]
+    with socket.socket(family, socket.SOCK_DGRAM) as route, suppress(OSError):
+        route.connect((outside, 9))
+        return str(route.getsockname()[0])
+    return None
 
 
 def listen(host: str, port: int) -> socket.socket:
@@ -238,6 +253,7 @@ class _Start:
         self._poll_at = self._say_at = 0.0
         host, port = listener.getsockname()[:2]
         self._address = (_HERE.get(host, host), port)
+        self._elsewhere = _network_address(listener.family) if host in _HERE else None
         self._announced = self._web_answers = False
         self._request: http.client.HTTPConnection | None = None
         with library.database.write() as session:
@@ -265,9 +281,11 @@ class _Start:
             if self._progress is not None:
                 self._progress.size(0)
             host, port = self._address
-            url = f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
-            echo(f"listening on {url}")
-            echo(f"sign in: {url}/sign-in/{self._token}")
+            echo(f"listening on {_url(host, port)}")
+            if self._elsewhere is not None:
+                host = self._elsewhere
+                echo(f"on other machines of this network: {_url(host, port)}")
+            echo(f"sign in: {_url(host, port)}/sign-in/{self._token}")
             self._announced = True
 
     def _sample_is_made(self) -> bool:

@@ -7,6 +7,7 @@ import { byId, h, icon } from "../shared/dom.js";
 import { usable } from "../shared/drop-files.js";
 import { leftText } from "../shared/format.js";
 import { labelled, t, tn } from "../shared/i18n.js";
+import { queuedText } from "../shared/job-list.js";
 import { note, sentence, toast } from "../shared/toast.js";
 
 const MOST_OF_ONE_SPOT = 8;
@@ -215,8 +216,9 @@ export class Localizer extends EventTarget {
 
   _building() {
     this.words.waitForIndex();
-    const text = t("The map is being indexed; the photo is localized as soon as that is done.");
-    byId("notes").replaceChildren(note("info", text, null, indexBar(this._indexJob())));
+    const job = this._indexJob();
+    const text = t("The photo is localized as soon as the map is indexed.");
+    byId("notes").replaceChildren(note("info", text, job?.state === "queued" ? queuedText(job) : null, indexBar(job)));
   }
 
   _indexJob() {
@@ -228,8 +230,7 @@ export class Localizer extends EventTarget {
     const job = this._indexJob();
     byId("soon").hidden = Boolean(job);
     byId("indexing").hidden = !job;
-    const left = job && job.seconds_left !== null ? leftText(job.seconds_left) : "";
-    byId("indexing").replaceChildren(...(job ? [h("div", {}, t("The map is being indexed."), " ", left), indexBar(job)] : []));
+    byId("indexing").replaceChildren(...(job ? [h("div", {}, indexWords(job)), indexBar(job)] : []));
   }
 
   /** Send a waiting query once the index is ready. */
@@ -259,6 +260,12 @@ export class Localizer extends EventTarget {
       dialog.addEventListener("close", () => resolve(answer));
     });
   }
+}
+
+function indexWords(job) {
+  if (job.state === "queued") return [t("The map is not indexed yet."), queuedText(job)].join(" ");
+  const left = job.seconds_left === null ? "" : leftText(job.seconds_left);
+  return [t("The map is being indexed."), left].filter(Boolean).join(" · ");
 }
 
 function indexBar(job) {

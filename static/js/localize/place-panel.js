@@ -96,7 +96,7 @@ function actions(page) {
     ];
   }
   const known = Boolean(session.position);
-  const label = spot ? t("Add it to the map here") : t("Correct: add it to the map");
+  const label = spot ? t("Add it to the map here") : t("Right: add it to the map");
   const add = h("button", { class: "button button--primary", type: "button", id: "adopt", onclick: (event) => adopt(page, event.currentTarget) }, icon("plus"), label);
   const correcting = mode === "correct";
   const correct = h(

@@ -56,7 +56,10 @@ export function showAddress(share) {
 export function onlyHere() {
   const chapter = h("a", { href: "/help/operating#behind-nginx-with-tls", target: "_blank" }, t("Operating a server"));
   return h("div", { class: "note note--warning" }, icon("warning"),
-    h("div", {}, t("This address works only on this computer. To share it with others:"), " ", chapter));
+    h("div", {},
+      h("div", {}, t("This address works only on this computer.")),
+      h("div", {}, t("On the same network: start the server with {command}, and open it at the address that it prints.", { command: "expmap serve --host 0.0.0.0" })),
+      h("div", {}, t("On the internet:"), " ", chapter)));
 }
 
 /**

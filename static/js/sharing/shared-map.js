@@ -2,12 +2,13 @@
 
 import { AnswerLayer } from "../shared/answer/answer-layer.js";
 import { followFloor } from "../shared/answer/answer-floor.js";
-import { answerList } from "../shared/answer/answer-list.js";
+import { answerList, placeName } from "../shared/answer/answer-list.js";
 import { QuerySession } from "../shared/answer/query-session.js";
 import { verdictText } from "../shared/answer/verdict.js";
 import { get } from "../shared/api.js";
 import { byId } from "../shared/dom.js";
-import { tn } from "../shared/i18n.js";
+import { headingText } from "../shared/format.js";
+import { t, tn } from "../shared/i18n.js";
 import { FloorSwitch } from "../shared/map/floor-switch.js";
 import { MapLayers } from "../shared/map/map-layers.js";
 import { MapStore } from "../shared/map/map-store.js";
@@ -16,6 +17,8 @@ import { MapView } from "../shared/map/map-view.js";
 import { NorthUp } from "../shared/map/north-up.js";
 import { loadDetails } from "../shared/map/photo-details.js";
 import { PhotoDots } from "../shared/map/photo-dots.js";
+import { copyablePlace } from "../shared/map/positions.js";
+import { factElements } from "../shared/photo-facts.js";
 import { toastError } from "../shared/toast.js";
 import { PhotoPanel } from "./photo-panel.js";
 import { VisitorPhoto } from "./visitor-photo.js";
@@ -63,6 +66,18 @@ function showMarks() {
   byId("announcer").textContent = answer ? verdictText(answer) : "";
 }
 
+/** Where the chosen place is, to read out or to copy. */
+function showPlaceFacts() {
+  const { position, hypothesis } = session;
+  const latLon = position && store.georeference.latLon(position);
+  const facts = [
+    latLon && [placeName(hypothesis), copyablePlace(latLon)],
+    position && hypothesis.heading_deg !== null && [t("Heading"), headingText(hypothesis.heading_deg)],
+  ].filter(Boolean);
+  byId("answer-facts").replaceChildren(...factElements(facts));
+  byId("answer-facts").hidden = !facts.length;
+}
+
 function listen() {
   const look = () => session.position && view.reveal(session.position, { margin: 70 });
   answerList(session, look);
@@ -76,6 +91,7 @@ function listen() {
     const speaks = session.hypothesis?.experiences.find((id) => store.photos.get(id)?.preview);
     store.setCurrent(speaks ?? null);
   });
+  session.on("answer chosen", showPlaceFacts);
   store.on("current", advised);
   session.on("answer", advised);
   view.map.on("click", ({ containerPoint, originalEvent }) => {

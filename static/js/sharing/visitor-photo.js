@@ -3,10 +3,12 @@
 import { WaitingWords } from "../shared/answer/waiting-words.js";
 import { upload } from "../shared/api.js";
 import { byId } from "../shared/dom.js";
-import { labelled } from "../shared/i18n.js";
+import { labelled, t } from "../shared/i18n.js";
 import { note, sentence } from "../shared/toast.js";
 
-/** Sends one photo at a time; a newer one cancels it. */
+const AGAIN_MS = 15_000;
+
+/** Sends one photo at a time; a newer one cancels it. While the map is not ready, the photo waits and is sent again. */
 export class VisitorPhoto {
   /**
    * @param {import("../shared/answer/query-session.js").QuerySession} session
@@ -32,16 +34,28 @@ export class VisitorPhoto {
   async _take(file) {
     this._abort.abort();
     this._abort = new AbortController();
-    const { signal } = this._abort;
     const name = file.name || "photo.jpg";
     this._begin({ name, url: URL.createObjectURL(file) });
+    await this._send(file, name);
+  }
+
+  /** @param {File} file @param {string} name */
+  async _send(file, name) {
+    const { signal } = this._abort;
     const body = new FormData();
     body.append("file", file, name);
     try {
       const answer = await upload(this.path, { body, signal, ...this._listeners(signal) });
-      if (!signal.aborted) this.session.setAnswer(answer);
+      if (signal.aborted) return;
+      byId("notes").replaceChildren();
+      this.session.setAnswer(answer);
     } catch (error) {
-      if (!signal.aborted) this._failed(name, error);
+      if (signal.aborted) return;
+      if (error.code === "not_ready") {
+        this._later(error, () => signal.aborted || this._send(file, name));
+        return;
+      }
+      this._failed(name, error);
     }
     if (!signal.aborted) this.words.end();
   }
@@ -67,6 +81,13 @@ export class VisitorPhoto {
         if (kind === "first") this.session.setAnswer(data);
       },
     };
+  }
+
+  /** @param {Error} error @param {function(): void} again */
+  _later({ message }, again) {
+    this.words.waitForIndex();
+    byId("notes").replaceChildren(note("info", sentence(message), t("Leave this page open: the photo is localized as soon as the map is ready.")));
+    setTimeout(again, AGAIN_MS);
   }
 
   /** @param {string} name of the photo @param {Error & {hint?: ?string}} error */

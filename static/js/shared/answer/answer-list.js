@@ -102,7 +102,7 @@ function entry(hypothesis, { choose, faint }) {
   return h("li", { "data-testid": "hypothesis", dataset: data }, button);
 }
 
-/** @param {{kind: string, rank: number}} hypothesis */
+/** @param {{kind?: string, rank?: number}} hypothesis */
 export function placeName({ kind, rank }) {
   return kind === "area" ? t("Area {n}", { n: rank }) : t("Place {n}", { n: rank });
 }

@@ -76,6 +76,6 @@ export class WaitingWords {
   }
 
   _tick(seconds) {
-    this.seconds.textContent = seconds >= SHOWN_FROM_S ? ` · ${duration(Math.round(seconds))}` : "";
+    this.seconds.textContent = seconds >= SHOWN_FROM_S ? ` · ${t("{time} so far", { time: duration(Math.round(seconds)) })}` : "";
   }
 }
