@@ -16,8 +16,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from webapp.cli.demo.parts import DemoProcess, module, stop, wait_for_orphans
-from webapp.cli.demo.postgresql import as_user, new_cluster
+from webapp.cli.demo.parts import DemoProcess, as_user, module, new_cluster, stop, wait_for_orphans
 from webapp.configuration import load_settings
 from webapp.errors import ExpMapError, UsageError
 from webapp.extras import extra, require
