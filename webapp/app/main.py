@@ -260,7 +260,7 @@ cluster_group = LazyGroup(
     help="Try out a setup of several machines.",
     commands={
         "demo": LazyCommand(
-            "webapp.cli.demo.command:demo",
+            "webapp.cli.demo.cluster:demo",
             "Run all parts of a setup of several machines on this one until Ctrl-C.",
         )
     },
