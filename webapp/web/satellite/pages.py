@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 from flask import Blueprint, render_template
 from flask_babel import lazy_gettext as _l
 
-from webapp.core.geo.area import area_around
+from webapp.core.geo.tilegrid import area_around
 from webapp.core.geo.types import LatLon
 from webapp.store.maps import maps
 from webapp.store.operate import job_views
