@@ -11,7 +11,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from webapp.core.evaluation.summary import Row
+from webapp.core.evaluation.metrics import Row
 from webapp.errors import StorageError
 from webapp.files.atomic import write_text
 from webapp.files.contents import local

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from webapp.core.evaluation.metrics import GRADES
-from webapp.core.evaluation.summary import WITHIN_PX, Row, outcomes
+from webapp.core.evaluation.metrics import GRADES, WITHIN_PX, Row, outcomes
 from webapp.core.hypotheses.places import KIND_WORDS
 from webapp.render.charts import error_chart, reliability_chart
 from webapp.resources import resource_folder

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol
 
-from webapp.core.evaluation.summary import Row, row
+from webapp.core.evaluation.metrics import Row, row
 from webapp.core.evaluation.types import QueryResult, Summary
 from webapp.core.hypotheses.model import Answer
 from webapp.core.hypotheses.places import MapKind
