@@ -10,8 +10,7 @@ import numpy as np
 from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
-from webapp.core.evaluation.metrics import error_curve, wilson_interval
-from webapp.core.evaluation.types import ReliabilityBin
+from webapp.core.evaluation.metrics import ReliabilityBin, error_curve, wilson_interval
 
 WIDTH, HEIGHT = 520, 340
 _LEFT, _RIGHT, _TOP, _BOTTOM = 64, 28, 14, 48

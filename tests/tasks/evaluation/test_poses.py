@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from webapp.core.evaluation.types import QueryResult
+from webapp.core.evaluation.metrics import QueryResult
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Map, SatelliteImage

@@ -15,8 +15,7 @@ import faiss
 import numpy as np
 
 from webapp import __version__
-from webapp.core.evaluation.metrics import WITHIN_PX, summarise
-from webapp.core.evaluation.types import QueryResult
+from webapp.core.evaluation.metrics import WITHIN_PX, QueryResult, summarise
 from webapp.core.hypotheses.jsonform import answer_to_json, failure_to_json
 from webapp.core.hypotheses.model import AnswerSource
 from webapp.core.mapmodel.model import Experience, Map

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from webapp.core.evaluation.types import QueryResult
+from webapp.core.evaluation.metrics import QueryResult
 from webapp.errors import PhotoError
 from webapp.files.localize.calibration import StoredCalibration
 from webapp.progress import Progress

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from webapp.core.evaluation.types import QueryResult
+from webapp.core.evaluation.metrics import QueryResult
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import MapPixel

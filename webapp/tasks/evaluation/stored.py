@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.evaluation.metrics import reliability_bins
-from webapp.core.evaluation.types import ReliabilityBin
+from webapp.core.evaluation.metrics import ReliabilityBin, reliability_bins
 from webapp.errors import StorageError
 from webapp.files.atomic import write_text
 from webapp.files.listing import DERIVED

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol
 
-from webapp.core.evaluation.metrics import Row, row
-from webapp.core.evaluation.types import QueryResult, Summary
+from webapp.core.evaluation.metrics import QueryResult, Row, Summary, row
 from webapp.core.hypotheses.model import Answer
 from webapp.core.hypotheses.places import MapKind
 from webapp.core.mapmodel.model import Map
