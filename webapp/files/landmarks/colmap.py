@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.landmarks.rigid_parts import rigid_parts
-from webapp.core.landmarks.submodels import Submodel
+from webapp.core.landmarks.submodels import Submodel, rigid_parts
 from webapp.errors import IndexDamaged
 from webapp.extras import extra
 from webapp.files.atomic import storage_error

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from webapp.core.features.table import FeatureChoice
 from webapp.core.geo.types import MapPixel
 from webapp.core.landmarks.matching import Views
-from webapp.core.landmarks.rigid_parts import LEAST_PHOTOS
-from webapp.core.landmarks.submodels import Submodel, of_photos
+from webapp.core.landmarks.submodels import LEAST_PHOTOS, Submodel, of_photos
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.views import content_of, level_views
 from webapp.core.retrieval.engines.segment import PhotoEntry
