@@ -11,8 +11,7 @@ import numpy as np
 
 from webapp.core.geo.types import MapPixel, inside
 from webapp.core.landmarks.georegister import Georegistration, georegister
-from webapp.core.landmarks.placing import AlignedSubmodel, KnownPositions, NotAligned
-from webapp.core.landmarks.proposals import propose_next
+from webapp.core.landmarks.placing import AlignedSubmodel, KnownPositions, NotAligned, propose_next
 from webapp.core.landmarks.radii import RADIUS_OVER_SIGMA
 from webapp.core.landmarks.submodels import Submodel
 from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
