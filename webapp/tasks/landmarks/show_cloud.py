@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.landmarks.map_cloud import CloudFrame, MapCloud, align_cloud
+from webapp.core.landmarks.cloud import CloudFrame, MapCloud, align_cloud
 from webapp.core.landmarks.placing import AlignedSubmodel, NotAligned
 from webapp.core.landmarks.submodels import view_rotation
 from webapp.core.mapmodel.model import Experience, Map
