@@ -17,7 +17,7 @@ from sqlalchemy import ForeignKey, delete, func, select
 from sqlalchemy.orm import Mapped, Session, mapped_column
 
 from webapp.core.retrieval.engines.vlad import Codebook
-from webapp.core.retrieval.photo_vectors import DIMENSIONS, Basis
+from webapp.core.retrieval.global_descriptors import DIMENSIONS, Basis
 from webapp.store.schema import Base, MapRecord
 
 _SHA256_BYTES = 32

@@ -17,9 +17,9 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from webapp.core.features.table import FeatureChoice, choose
-from webapp.core.retrieval import photo_vectors
+from webapp.core.retrieval import global_descriptors
 from webapp.core.retrieval.engines.segment import Segment
-from webapp.core.retrieval.photo_vectors import Basis
+from webapp.core.retrieval.global_descriptors import Basis
 from webapp.errors import IndexDamaged
 from webapp.files.localize.features import read_segment
 from webapp.files.localize.index_store import IndexFolder
@@ -155,7 +155,7 @@ def _describe(
                 known[content] = before[content]
                 continue
             descriptors = np.asarray(segment.entry(number).features.descriptors)
-            known[content] = photo_vectors.vector(basis.basis, descriptors).astype(np.float16)
+            known[content] = global_descriptors.vector(basis.basis, descriptors).astype(np.float16)
             if time.monotonic() > saved + _SAVED_EVERY_S:
                 _keep(writes, record, basis=basis, vectors={**before, **known})
                 saved = time.monotonic()
@@ -193,7 +193,7 @@ def _train(
         for content, segment, number in _photos_of(library, record, settings=settings):
             if content in chosen and content not in sample:
                 sample[content] = np.array(segment.entry(number).features.descriptors)
-    basis = photo_vectors.train([sample[content] for content in sorted(sample)]) if sample else None
+    basis = global_descriptors.train([sample[content] for content in sorted(sample)]) if sample else None
     return basis, photos
 
 
