@@ -12,7 +12,7 @@ from apiflask.validators import Length, Predicate, Range
 from flask import Response, request, url_for
 
 from webapp.files.part_file import check_space, discard, receive
-from webapp.files.photos.preview import Kind
+from webapp.files.photos.photo import Kind
 from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission, MissionPhoto
 from webapp.missions.tasks import add_photo, localize_photos

@@ -25,8 +25,7 @@ from webapp.files.listing import DERIVED
 from webapp.files.localize.blur_networks import BlurNetworks
 from webapp.files.maps.folder import photo_path, read_map
 from webapp.files.part_file import show_file_as
-from webapp.files.photos.photo import read_in_turn
-from webapp.files.photos.preview import SIDES
+from webapp.files.photos.photo import SIDES, read_in_turn
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
 

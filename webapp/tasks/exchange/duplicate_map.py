@@ -15,7 +15,7 @@ from webapp.errors import NotFound, StorageError
 from webapp.files.contents import with_pointer
 from webapp.files.listing import DERIVED
 from webapp.files.maps.lists import LISTS
-from webapp.files.photos.preview import SIDES, preview_path
+from webapp.files.photos.photo import SIDES, preview_path
 from webapp.progress import Progress
 from webapp.store.library import Library
 from webapp.store.maps import maps

@@ -11,8 +11,7 @@ from webapp.core.mapmodel.model import Experience
 from webapp.errors import MapError, MissingPart, NotFound, PhotoError
 from webapp.files.decode import Pixels
 from webapp.files.maps.folder import photo_path
-from webapp.files.photos.photo import read_blurred, read_upright
-from webapp.files.photos.preview import preview_path
+from webapp.files.photos.photo import preview_path, read_blurred, read_upright
 from webapp.files.satellite.raster import opened_raster, reduced
 from webapp.settings import PhotoLimits, Settings
 from webapp.tasks.exchange.export_source import Source

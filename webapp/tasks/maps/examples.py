@@ -11,7 +11,7 @@ from pathlib import Path
 from webapp.errors import NotFound, TableError
 from webapp.files.localize import queries_csv
 from webapp.files.part_file import sha256_of
-from webapp.files.photos.preview import previews_folder
+from webapp.files.photos.photo import previews_folder
 from webapp.tasks.maps.pictures import PhotoFile
 
 FOLDER = "queries"

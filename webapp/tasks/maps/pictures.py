@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session
 from webapp.core.boxes import BlurBox
 from webapp.errors import NotFound
 from webapp.files.part_file import show_file_as
-from webapp.files.photos.preview import Kind, blur_key, make_previews, preview_name, write_previews
+from webapp.files.photos.photo import Kind, blur_key, make_previews, preview_name, write_previews
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.maps.blurred import boxes_of, boxes_of_files

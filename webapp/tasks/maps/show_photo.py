@@ -12,7 +12,7 @@ from webapp.core.boxes import MOST_BOXES, BlurBox
 from webapp.errors import Conflict, NotFound, UsageError
 from webapp.files.maps.folder import photo_path
 from webapp.files.part_file import show_file_as
-from webapp.files.photos.preview import make_previews, previews_folder, write_previews
+from webapp.files.photos.photo import make_previews, previews_folder, write_previews
 from webapp.settings import Settings
 from webapp.store.clock import now
 from webapp.store.library import Library

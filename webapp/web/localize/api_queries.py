@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import MapPixel
 from webapp.errors import NotAllowed, UsageError
-from webapp.files.photos.preview import Kind
+from webapp.files.photos.photo import Kind
 from webapp.store import queries
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, QueryRecord

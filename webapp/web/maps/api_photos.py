@@ -27,7 +27,7 @@ from webapp.files.part_file import (
     one_at_a_time,
     receive,
 )
-from webapp.files.photos.preview import Kind
+from webapp.files.photos.photo import Kind
 from webapp.files.photos.sidecars import Sidecar, Sidecars, is_sidecar
 from webapp.files.photos.xmp import MAX_BYTES
 from webapp.store.maps import maps, uploads

@@ -15,7 +15,7 @@ from webapp.core.geo.floors import BASE_FLOOR, Floor
 from webapp.core.geo.georeference import Georeference, latlon_grid
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import EDITED, FACTS, WRITTEN, PhotoSource
-from webapp.files.photos.preview import Kind, blur_key
+from webapp.files.photos.photo import Kind, blur_key
 from webapp.files.satellite.pyramid import max_zoom
 from webapp.store.maps import edits, maps
 from webapp.store.maps.blurred import boxes_of

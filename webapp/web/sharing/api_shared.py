@@ -15,7 +15,7 @@ from limits.strategies import FixedWindowRateLimiter
 from werkzeug.datastructures import FileStorage
 
 from webapp.errors import IndexDamaged, NotFound, NotReady, TooMany
-from webapp.files.photos.preview import Kind
+from webapp.files.photos.photo import Kind
 from webapp.store import sharing
 from webapp.store.sharing import OpenedShare
 from webapp.tasks.localize import show_query, upload
