@@ -20,7 +20,7 @@ from webapp.core.hypotheses.places import KIND_WORDS
 from webapp.core.mapmodel.findings import Finding
 from webapp.core.texts import significant
 from webapp.errors import UsageError
-from webapp.files.photos.exif_gps import Gps
+from webapp.files.photos.exif import Gps
 from webapp.files.photos.photo import PhotoFacts
 from webapp.files.photos.sidecars import is_sidecar
 from webapp.progress import Progress

@@ -21,8 +21,19 @@ from webapp.files.atomic import write_bytes
 from webapp.files.decode import Pixels, check_bytes, decode, open_image
 from webapp.files.listing import DERIVED
 from webapp.files.part_file import discard
-from webapp.files.photos.exif import Fov, fov_note, orientation, read_exif, read_fov, read_time, text
-from webapp.files.photos.exif_gps import EXIF, Gps, Heading, NoGps
+from webapp.files.photos.exif import (
+    EXIF,
+    Fov,
+    Gps,
+    Heading,
+    NoGps,
+    fov_note,
+    orientation,
+    read_exif,
+    read_fov,
+    read_time,
+    text,
+)
 from webapp.files.photos.xmp import locate, panorama_notes, read_xmp
 from webapp.settings import PhotoLimits
 from webapp.threads import permit

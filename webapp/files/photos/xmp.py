@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from PIL import Image
 
 from webapp.errors import TrackError
-from webapp.files.photos.exif_gps import ABSENT, Gps, Heading, NoGps, read_gps, read_heading
+from webapp.files.photos.exif import ABSENT, Gps, Heading, NoGps, read_gps, read_heading
 
 MAX_BYTES = 2_000_000
 """Of a packet; those with a long history of edits have a few hundred kilobytes."""

@@ -17,7 +17,7 @@ from webapp.files import contents
 from webapp.files.decode import contrast_note, stored_suffix
 from webapp.files.maps.facts import panorama_fields, source_fields
 from webapp.files.part_file import sha256_of, show_file_as
-from webapp.files.photos.exif_gps import ABSENT, Gps
+from webapp.files.photos.exif import ABSENT, Gps
 from webapp.files.photos.panorama import PanoramaTags, find_panorama
 from webapp.files.photos.photo import PhotoFacts, read_facts, remarks
 from webapp.files.photos.sidecars import Sidecar, beside_photo, with_sidecars

@@ -21,7 +21,7 @@ from webapp.files.listing import normal_name
 from webapp.files.maps.folder import MapFolder, json_path, read_map
 from webapp.files.maps.lists import LISTS
 from webapp.files.maps.map_json import georeference_fields
-from webapp.files.photos.exif_gps import Gps
+from webapp.files.photos.exif import Gps
 from webapp.files.photos.photo import POSITION_FROM, PhotoFacts, read_facts, read_file, remarks
 from webapp.files.photos.sidecars import Sidecars, read_sidecars, sidecars_in, with_sidecars
 from webapp.progress import Progress

@@ -10,7 +10,7 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.errors import GeoreferenceError, MissingPart, PhotoError
 from webapp.files.decode import check_decodes, contrast_note
-from webapp.files.photos.exif_gps import Gps
+from webapp.files.photos.exif import Gps
 from webapp.files.photos.panorama import find_panorama
 from webapp.files.photos.photo import PhotoFacts, read_facts
 from webapp.files.photos.sidecars import choose, is_sidecar, read_sidecars, with_sidecars

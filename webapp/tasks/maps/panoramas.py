@@ -22,7 +22,7 @@ from webapp.errors import PhotoError, UsageError
 from webapp.files.atomic import write_bytes
 from webapp.files.decode import DAMAGED
 from webapp.files.listing import list_photos
-from webapp.files.photos.exif_gps import Gps
+from webapp.files.photos.exif import Gps
 from webapp.files.photos.exif_write import CameraTags, write_panorama, write_view
 from webapp.files.photos.panorama import GREY, MOST_MASKED, PanoramaTags, read_panorama
 from webapp.files.photos.photo import PhotoFacts, read_facts, read_file, read_upright

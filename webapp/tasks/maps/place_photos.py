@@ -19,7 +19,7 @@ from webapp.core.texts import significant
 from webapp.errors import PhotoError
 from webapp.files.decode import PHOTO_SUFFIXES, check_decodes, contrast_note
 from webapp.files.maps.positions import Positions
-from webapp.files.photos.exif_gps import Gps, Heading
+from webapp.files.photos.exif import Gps, Heading
 from webapp.files.photos.panorama import find_panorama
 from webapp.files.photos.photo import PhotoFacts, read_facts
 from webapp.files.photos.sidecars import Sidecars, read_sidecars, with_sidecars
