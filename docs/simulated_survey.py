@@ -13,7 +13,7 @@ from PIL import Image
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.files.photos.exif_write import CameraTags, exif_bytes
-from webapp.files.photos.rig import read_rig
+from webapp.files.photos.panorama import read_rig
 from webapp.progress import Progress
 from webapp.sample.make import SampleSize
 from webapp.sample.scene.camera import CameraView, map_views

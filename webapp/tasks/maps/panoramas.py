@@ -24,9 +24,15 @@ from webapp.files.decode import DAMAGED
 from webapp.files.listing import list_photos
 from webapp.files.photos.exif import Gps
 from webapp.files.photos.exif_write import CameraTags, write_panorama, write_view
-from webapp.files.photos.panorama import GREY, MOST_MASKED, PanoramaTags, read_panorama
+from webapp.files.photos.panorama import (
+    GREY,
+    MOST_MASKED,
+    MountedCamera,
+    PanoramaTags,
+    photos_by_instant,
+    read_panorama,
+)
 from webapp.files.photos.photo import PhotoFacts, read_facts, read_file, read_upright
-from webapp.files.photos.rig import MountedCamera, photos_by_instant
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
 
