@@ -6,6 +6,7 @@ and other images are decoded as a whole.
 
 from __future__ import annotations
 
+import hashlib
 import math
 import warnings
 from collections.abc import Iterator
@@ -20,6 +21,7 @@ from PIL import Image
 
 from webapp.errors import PhotoError
 from webapp.extras import extra, is_installed
+from webapp.files.atomic import storage_error, write_bytes
 from webapp.files.decode import (
     check_scans,
     decode,
@@ -28,10 +30,12 @@ from webapp.files.decode import (
     open_image,
     unsupported_colours,
 )
+from webapp.files.part_file import move_in
 from webapp.settings import PhotoLimits, SatelliteLimits
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader
+
 
 Kind = Literal["PNG", "JPEG", "GTiff"]
 Pixels = NDArray[np.uint8]
@@ -329,3 +333,57 @@ def _range(dataset: DatasetReader, bands: list[int], kind: Kind) -> tuple[float,
         return 0.0, 1.0
     low, high = np.clip(np.percentile(finite, [1.0, 99.0]), -_LARGEST, _LARGEST).tolist()
     return low, max(high, low + max(1.0, abs(low) * _SMALLEST_RANGE))
+
+
+QUALITY = 92
+"""Of JPEG."""
+
+
+def keep_file(source: Path, folder: Path) -> str:
+    """Move a PNG or JPEG file into the map's folder, named by its hash.
+
+    Args:
+        source: On the same disk.
+        folder: Folder of the map.
+
+    Returns:
+        `satellite-<8 hexadecimal digits of its hash>.png` or `.jpg`.
+    """
+    with source.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+        file.seek(0)
+        suffix = ".png" if file.read(4) == b"\x89PNG" else ".jpg"
+    name = f"satellite-{digest[:8]}{suffix}"
+    move_in(source, folder / name)
+    return name
+
+
+def keep_pixels(pixels: NDArray[np.uint8], folder: Path, *, lossless: bool = True) -> str:
+    """Write an image to the map's folder, named by its hash.
+
+    Args:
+        pixels: (h, w, 3) uint8. Blue, green, red.
+        folder: Folder of the map.
+        lossless: PNG, else JPEG.
+
+    Returns:
+        As `keep_file`.
+    """
+    if lossless:
+        data = cv2.imencode(".png", pixels)[1].tobytes()
+    else:
+        data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
+    name = f"satellite-{hashlib.sha256(data).hexdigest()[:8]}{'.png' if lossless else '.jpg'}"
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    write_bytes(folder / name, data)
+    return name
+
+
+@contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Distinguish a failing disk from a damaged image."""
+    try:
+        yield
+    except OSError as error:
+        raise storage_error(error, where=folder.name) from error

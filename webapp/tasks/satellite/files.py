@@ -22,7 +22,7 @@ from webapp.store.schema import Edit, MapRecord
 from webapp.tasks.satellite import display
 
 _OURS = re.compile(r"satellite-[0-9a-f]{8}\.(png|jpg)")
-"""Names given by `webapp.files.satellite.keep`."""
+"""Names given by `webapp.files.satellite.raster`."""
 
 
 def keep_source(folder: Path, name: str, *, source: Mapping[str, Any]) -> None:

@@ -26,8 +26,7 @@ from webapp.errors import GeoreferenceError, NotFound, UsageError
 from webapp.files.maps.floors import floor_fields
 from webapp.files.maps.notes import note_fields
 from webapp.files.satellite.georeference_files import read_geotiff
-from webapp.files.satellite.keep import keep_file
-from webapp.files.satellite.raster import opened_raster, reduced
+from webapp.files.satellite.raster import keep_file, opened_raster, reduced
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.maps import edits

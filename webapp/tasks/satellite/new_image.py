@@ -13,8 +13,7 @@ from webapp.core.geo.blank import draw, draw_sheet, plan_around
 from webapp.core.geo.georeference import Georeference
 from webapp.errors import GeoreferenceError, UsageError
 from webapp.files.satellite.georeference_files import read_geotiff
-from webapp.files.satellite.keep import keep_file, keep_pixels
-from webapp.files.satellite.raster import opened_raster, reduced
+from webapp.files.satellite.raster import keep_file, keep_pixels, opened_raster, reduced
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.maps import maps

@@ -15,7 +15,7 @@ from PIL import Image
 from webapp.core.geo.tilegrid import TILE_PX, GeoBox, Tile, TileCut, cut_of
 from webapp.errors import InputError, PhotoError, UsageError
 from webapp.files.decode import open_image
-from webapp.files.satellite.keep import keep_pixels
+from webapp.files.satellite.raster import keep_pixels
 from webapp.files.satellite.tile_archive import opened_tiles
 from webapp.net.services import TileService, named, tile_services
 from webapp.net.tiles import TileFetcher

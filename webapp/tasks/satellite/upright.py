@@ -22,8 +22,15 @@ from webapp.files.maps.cfg import format_cfg, read_bytes, read_cfg
 from webapp.files.maps.folder import MapFolder, json_path, read_map_json
 from webapp.files.photos.exif import orientation, read_exif
 from webapp.files.photos.photo import read_facts, turn_upright
-from webapp.files.satellite.keep import QUALITY, keep_file, writing
-from webapp.files.satellite.raster import Raster, image_kind, on_white, opened_raster
+from webapp.files.satellite.raster import (
+    QUALITY,
+    Raster,
+    image_kind,
+    keep_file,
+    on_white,
+    opened_raster,
+    writing,
+)
 from webapp.settings import PhotoLimits, Settings
 
 _AS_PNG_PIXELS = 40_000_000
