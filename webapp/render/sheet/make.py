@@ -14,8 +14,7 @@ from webapp.core.geo.floors import BASE_FLOOR, Floor, FloorImage
 from webapp.errors import UsageError
 from webapp.files.maps.folder import photo_path
 from webapp.files.part_file import show_file_as
-from webapp.files.satellite.raster import Pixels, Raster, opened_raster, reduced
-from webapp.files.satellite.warp import warp_to_map
+from webapp.files.satellite.raster import Pixels, Raster, opened_raster, reduced, warp_to_map
 from webapp.render.sheet.drawing import PdfDrawing
 from webapp.render.sheet.options import SheetAnswer, SheetFormat, SheetOptions, SheetWords
 from webapp.render.sheet.page import SheetContent, compose, draw_sheet, page_size, printed_part

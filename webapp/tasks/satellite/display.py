@@ -23,8 +23,7 @@ from webapp.files.contents import facts_of, remove
 from webapp.files.decode import decode, open_image
 from webapp.files.maps.folder import photo_path
 from webapp.files.satellite.pyramid import write_pyramid
-from webapp.files.satellite.raster import opened_raster, reduced
-from webapp.files.satellite.warp import warp_to_map
+from webapp.files.satellite.raster import opened_raster, reduced, warp_to_map
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
 from webapp.store.library import Library
