@@ -11,7 +11,7 @@ from tests.standin_models import install_blur_networks
 from webapp.core.boxes import BlurBox
 from webapp.core.detections import Detection, LpdYuNet
 from webapp.errors import Cancelled, MissingPart
-from webapp.files.localize.blur_networks import blur_networks
+from webapp.files.localize.models import blur_networks
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings
@@ -122,7 +122,7 @@ import operator, os, signal
 from pathlib import Path
 from tests.standin_models import install_blur_networks
 from webapp.core.detections import LpdYuNet
-from webapp.files.localize.blur_networks import blur_networks
+from webapp.files.localize.models import blur_networks
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.blur.find import photos_of, search_photos

@@ -14,7 +14,7 @@ from tests.standin_models import install_blur_networks
 from tests.web.sharing.stripes import BOX, blur, contrast, fetched, stripes
 from webapp.core.hypotheses.model import Evidence
 from webapp.errors import Busy, Conflict
-from webapp.files.localize.blur_networks import blur_networks
+from webapp.files.localize.models import blur_networks
 from webapp.progress import Progress
 from webapp.render import export_file
 from webapp.render.answer_pictures import HEIGHT_PX, match_picture

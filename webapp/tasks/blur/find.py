@@ -22,7 +22,7 @@ from webapp.core.mapmodel.model import Experience, UnplacedPhoto
 from webapp.errors import MapError, MissingPart, PhotoError, StorageError
 from webapp.files.atomic import make_folder, storage_error
 from webapp.files.listing import DERIVED
-from webapp.files.localize.blur_networks import BlurNetworks
+from webapp.files.localize.models import BlurNetworks
 from webapp.files.maps.folder import photo_path, read_map
 from webapp.files.part_file import show_file_as
 from webapp.files.photos.photo import SIDES, read_in_turn

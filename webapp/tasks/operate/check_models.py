@@ -16,9 +16,16 @@ from webapp.core.features.lightglue import PairMatcher
 from webapp.core.features.table import EXTRACTORS, PAIR_MATCHERS, choose
 from webapp.core.features.types import Features
 from webapp.errors import InputError, MissingPart, StorageError
-from webapp.files.localize.blur_networks import NETWORKS
 from webapp.files.localize.global_model import global_descriptor
-from webapp.files.localize.models import MODELS, checked_weights, find_weights, installed, network, open_model
+from webapp.files.localize.models import (
+    MODELS,
+    NETWORKS,
+    checked_weights,
+    find_weights,
+    installed,
+    network,
+    open_model,
+)
 from webapp.settings import Settings
 
 _SIZE = (640, 480)

@@ -15,7 +15,7 @@ from werkzeug.datastructures import FileStorage
 
 from webapp.core.boxes import MOST_BOXES, BlurBox
 from webapp.core.detections import Detection
-from webapp.files.localize.blur_networks import NETWORKS, blur_networks, missing_networks
+from webapp.files.localize.models import NETWORKS, blur_networks, missing_networks
 from webapp.files.part_file import discard, receive, show_file_as
 from webapp.files.photos import panorama
 from webapp.store.maps import maps
