@@ -8,8 +8,7 @@ from typing import Any
 from webapp.core.geo.tilegrid import GeoBox
 from webapp.errors import NotFound
 from webapp.files.localize import adopted
-from webapp.files.localize.global_model import usable_global_descriptor
-from webapp.files.localize.models import blur_networks
+from webapp.files.localize.models import blur_networks, usable_global_descriptor
 from webapp.files.maps.folder import read_map
 from webapp.jobs.context import Context
 from webapp.render import export_file

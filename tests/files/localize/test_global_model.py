@@ -8,8 +8,8 @@ import pytest
 from tests.standin_models import passed_on, tiny_image
 from webapp.errors import InputError
 from webapp.files.localize import global_vectors
-from webapp.files.localize.global_model import global_descriptor, problem, usable_global_descriptor
 from webapp.files.localize.global_vectors import StoredVectors
+from webapp.files.localize.models import global_descriptor, problem, usable_global_descriptor
 
 
 @pytest.fixture
@@ -72,9 +72,7 @@ def test_what_is_wrong_is_one_sentence(supply, model, form, sentence):
 def test_a_model_that_cannot_be_opened_is_not_read_again(supply, monkeypatch):
     folder = supply(b"no model")
     assert usable_global_descriptor(folder) is None
-    monkeypatch.setattr(
-        "webapp.files.localize.global_model.read_model", lambda path: pytest.fail("read again")
-    )
+    monkeypatch.setattr("webapp.files.localize.models.read_model", lambda path: pytest.fail("read again"))
     assert usable_global_descriptor(folder) is None
     with pytest.raises(InputError):
         global_descriptor(folder)

@@ -8,8 +8,7 @@ import pytest
 
 from tests.onnx_writer import FLOAT, INT64, Writer, field
 from webapp.errors import InputError
-from webapp.files.localize.global_model import global_descriptor, problem
-from webapp.files.localize.models import network
+from webapp.files.localize.models import global_descriptor, network, problem
 
 STRING = 8
 OUTSIDE = "its weights are in another file, which is not read"

@@ -18,7 +18,7 @@ from typing import NamedTuple
 from webapp.errors import BeingOpened, IndexDamaged, InputError, MapError, MissingPart, NotFound, NotReady
 from webapp.files.contents import facts_of
 from webapp.files.localize.calibration import StoredCalibration
-from webapp.files.localize.global_model import model_paths, usable_global_descriptor
+from webapp.files.localize.models import model_paths, usable_global_descriptor
 from webapp.files.part_file import show_file_as
 from webapp.progress import Progress
 from webapp.settings import Settings

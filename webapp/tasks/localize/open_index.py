@@ -27,9 +27,13 @@ from webapp.core.retrieval.indexed import IndexedMap
 from webapp.core.tuning import DEFAULT, RetrievalTuning
 from webapp.errors import Conflict, IndexDamaged, MapError, NotReady
 from webapp.files.localize.features import read_codebook, read_segment, read_signatures
-from webapp.files.localize.global_model import global_descriptor
 from webapp.files.localize.index_store import IndexFolder, Manifest, read_search_index
-from webapp.files.localize.models import pair_matcher, pair_matcher_if_installed, with_weights
+from webapp.files.localize.models import (
+    global_descriptor,
+    pair_matcher,
+    pair_matcher_if_installed,
+    with_weights,
+)
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.localize import build_index, describe_photos

@@ -16,12 +16,12 @@ from webapp.core.features.lightglue import PairMatcher
 from webapp.core.features.table import EXTRACTORS, PAIR_MATCHERS, choose
 from webapp.core.features.types import Features
 from webapp.errors import InputError, MissingPart, StorageError
-from webapp.files.localize.global_model import global_descriptor
 from webapp.files.localize.models import (
     MODELS,
     NETWORKS,
     checked_weights,
     find_weights,
+    global_descriptor,
     installed,
     network,
     open_model,

@@ -11,7 +11,7 @@ from webapp.core.features.entry import ModelFile
 from webapp.core.features.table import PAIR_MATCHERS
 from webapp.errors import InputError, NotFound, StorageError, UsageError
 from webapp.files import atomic
-from webapp.files.localize import global_model
+from webapp.files.localize import models
 from webapp.files.localize.models import (
     MODELS,
     install_hint,
@@ -61,7 +61,7 @@ def states(settings: Settings, *, models: Models = MODELS) -> list[ModelState]:
     """Check which weights are installed, by their hashes, and whether a global descriptor can be used."""
     folder = models_folder(settings.models)
     found = [ModelState(name, f, _state(folder / f.name, f)) for name, files in models.items() for f in files]
-    problem = global_model.problem(settings.models)
+    problem = models.problem(settings.models)
     return [
         replace(s, state="unusable", problem=problem) if problem and s.model == "global" else s for s in found
     ]
@@ -200,7 +200,7 @@ def _try(model: str, data: bytes) -> None:
         path = Path(folder) / MODELS[model][0].name
         atomic.write_bytes(path, data)
         if model == "global":
-            found = global_model.problem(path.parent)
+            found = models.problem(path.parent)
             if found:
                 raise InputError(found, where=model)
         else:
