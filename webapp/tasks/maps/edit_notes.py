@@ -8,7 +8,7 @@ from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import inside
 from webapp.core.mapmodel.notes import MOST_NOTES, NOTE_TEXT, MapNote, title_problem
 from webapp.errors import NotFound, UsageError
-from webapp.files.maps.notes import note_fields
+from webapp.files.maps.lists import note_fields
 from webapp.store.library import Library
 from webapp.store.maps import edits, maps
 from webapp.store.maps.changing import MapChange

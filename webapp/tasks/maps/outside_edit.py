@@ -17,8 +17,8 @@ from webapp.errors import Conflict, MapError, NotFound, UsageError
 from webapp.files.maps.control_points import point_fields
 from webapp.files.maps.floors import floor_fields
 from webapp.files.maps.folder import read_map
+from webapp.files.maps.lists import note_fields
 from webapp.files.maps.map_json import georeference_fields
-from webapp.files.maps.notes import note_fields
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.maps import edits, maps

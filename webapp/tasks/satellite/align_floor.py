@@ -12,7 +12,7 @@ import numpy as np
 from webapp.core.geo.affine import Affine, affine_through, apply_affine, compose, is_affine
 from webapp.core.geo.types import MapPixel, inside
 from webapp.errors import UsageError
-from webapp.files.maps.notes import note_fields
+from webapp.files.maps.lists import note_fields
 from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
