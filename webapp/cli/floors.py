@@ -16,8 +16,8 @@ from webapp.cli.options import MAP_FILE
 from webapp.core.geo.floors import BASE_FLOOR, LARGEST_LEVEL, Floor
 from webapp.core.mapmodel.model import Map
 from webapp.errors import UsageError
-from webapp.files.maps.floors import floor_fields
 from webapp.files.maps.folder import read_map
+from webapp.files.maps.lists import floor_fields
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.tasks.landmarks.accept import library_of, owner_of

@@ -23,8 +23,7 @@ from webapp.core.geo.floors import (
     stretched,
 )
 from webapp.errors import GeoreferenceError, NotFound, UsageError
-from webapp.files.maps.floors import floor_fields
-from webapp.files.maps.lists import note_fields
+from webapp.files.maps.lists import floor_fields, note_fields
 from webapp.files.satellite.georeference_files import read_geotiff
 from webapp.files.satellite.raster import keep_file, opened_raster, reduced
 from webapp.settings import Settings
