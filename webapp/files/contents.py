@@ -22,7 +22,6 @@ from webapp.errors import ObjectLost, StorageError, UsageError
 from webapp.files.atomic import storage_error
 from webapp.files.object_storage.bucket import Bucket
 from webapp.files.object_storage.cache import ObjectCache
-from webapp.files.object_storage.marker import check_marker, library_with_objects
 from webapp.files.object_storage.pointer import (
     SUFFIX,
     Pointer,
@@ -31,7 +30,7 @@ from webapp.files.object_storage.pointer import (
     read_pointer,
     write_pointer,
 )
-from webapp.files.object_storage.storage import ObjectStorage
+from webapp.files.object_storage.storage import ObjectStorage, check_marker, library_with_objects
 from webapp.files.part_file import discard, move_in, sha256_of
 from webapp.settings import Settings
 from webapp.threads import ContextThreads

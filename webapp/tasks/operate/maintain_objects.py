@@ -18,7 +18,6 @@ from sqlalchemy import select
 from webapp.errors import DiskFull, StorageError, StorageUnavailable
 from webapp.files.atomic import write_text
 from webapp.files.contents import in_use, is_replaced, is_there
-from webapp.files.object_storage.marker import MARKER
 from webapp.files.object_storage.pointer import (
     SUFFIX,
     pointed_path,
@@ -26,7 +25,7 @@ from webapp.files.object_storage.pointer import (
     read_pointer,
     write_pointer,
 )
-from webapp.files.object_storage.storage import ObjectStorage
+from webapp.files.object_storage.storage import MARKER, ObjectStorage
 from webapp.files.part_file import discard
 from webapp.settings import Settings
 from webapp.store.clock import now

@@ -28,7 +28,7 @@ from webapp.errors import Busy, Conflict, NotFound, ObjectLost, StorageError, Us
 from webapp.files.atomic import storage_error, sync_folder, write_text
 from webapp.files.contents import bring_back, connect
 from webapp.files.lock import any_alive
-from webapp.files.object_storage.marker import MARKER, check_marker, read_marker
+from webapp.files.object_storage.storage import MARKER, check_marker, read_marker
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.clock import now
