@@ -21,9 +21,9 @@ from platformdirs import user_cache_path
 from webapp.errors import ObjectLost, StorageError, UsageError
 from webapp.files.atomic import storage_error
 from webapp.files.object_storage.bucket import Bucket
-from webapp.files.object_storage.cache import ObjectCache
-from webapp.files.object_storage.pointer import (
+from webapp.files.object_storage.cache import (
     SUFFIX,
+    ObjectCache,
     Pointer,
     pointed_path,
     pointer_path,

@@ -12,8 +12,7 @@ from pathlib import Path
 
 from webapp.errors import ObjectLost, StorageError, StorageUnavailable
 from webapp.files.object_storage.bucket import Bucket
-from webapp.files.object_storage.cache import ObjectCache
-from webapp.files.object_storage.pointer import Pointer
+from webapp.files.object_storage.cache import ObjectCache, Pointer
 from webapp.files.part_file import sha256_of
 from webapp.settings import Settings
 

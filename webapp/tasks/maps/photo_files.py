@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session
 from webapp.files.atomic import write_bytes
 from webapp.files.contents import hash_of, is_there, put_in_place, remove
 from webapp.files.listing import DERIVED, folded
-from webapp.files.object_storage.pointer import Pointer
+from webapp.files.object_storage.cache import Pointer
 from webapp.files.part_file import discard, move_in
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord, Photo

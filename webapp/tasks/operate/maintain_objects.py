@@ -18,7 +18,7 @@ from sqlalchemy import select
 from webapp.errors import DiskFull, StorageError, StorageUnavailable
 from webapp.files.atomic import write_text
 from webapp.files.contents import in_use, is_replaced, is_there
-from webapp.files.object_storage.pointer import (
+from webapp.files.object_storage.cache import (
     SUFFIX,
     pointed_path,
     pointer_path,
