@@ -28,7 +28,7 @@ from filelock import FileLock, Timeout
 
 from webapp.errors import ObjectLost, StorageError
 from webapp.files.atomic import storage_error, write_text
-from webapp.files.object_storage.watch import report_look_up
+from webapp.files.object_storage.bucket import report_look_up
 from webapp.files.part_file import sha256_of
 
 STAYS_S = 300.0

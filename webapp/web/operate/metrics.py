@@ -19,7 +19,7 @@ from flask.sansio.app import App
 from webapp.errors import NotFound, StorageError
 from webapp.extras import extra
 from webapp.files.contents import in_use
-from webapp.files.object_storage.watch import Operation, watch
+from webapp.files.object_storage.bucket import Operation, watch
 from webapp.settings import shares_metrics
 from webapp.store.library import Library
 from webapp.store.operate import job_views
