@@ -19,17 +19,19 @@ from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.panorama import experience_of
 from webapp.core.mapmodel.views import content_of, level_views
 from webapp.errors import NotFound
-from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, read_cloud
-from webapp.files.landmarks.colmap import SUBMODELS_FILE, StoredSubmodels, read_submodels
-from webapp.files.landmarks.points import (
+from webapp.files.landmarks.cloud import (
+    CLOUD_FILE,
     COLOURS_FILE,
     POINTS_FILE,
     Colours,
     MapPoints,
+    StoredCloud,
+    read_cloud,
     read_colours,
     read_points,
     write_points,
 )
+from webapp.files.landmarks.colmap import SUBMODELS_FILE, StoredSubmodels, read_submodels
 from webapp.files.localize.index_store import IndexFolder
 from webapp.files.maps.control_points import control_point_fields
 from webapp.store.library import Library

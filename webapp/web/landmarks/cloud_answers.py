@@ -17,7 +17,7 @@ from webapp.core.mapmodel.panorama import Panorama
 from webapp.core.mapmodel.views import content_of_part
 from webapp.errors import NotFound
 from webapp.extras import require
-from webapp.files.landmarks.points import MapPoints, as_ply
+from webapp.files.landmarks.cloud import MapPoints, as_ply
 from webapp.files.maps.facts import parse_panorama
 from webapp.store.maps.blurred import boxes_of
 from webapp.store.schema import MapRecord, Photo
