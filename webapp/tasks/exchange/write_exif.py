@@ -17,8 +17,7 @@ from webapp.files.atomic import storage_error, write_bytes
 from webapp.files.exchange.zip_stream import ZipMember, stream_zip
 from webapp.files.maps.folder import photo_path
 from webapp.files.photos.exif import Gps, NoGps
-from webapp.files.photos.exif_write import with_position
-from webapp.files.photos.geotags import Geotag, format_exiftool_csv, format_xmp
+from webapp.files.photos.exif_write import Geotag, format_exiftool_csv, format_xmp, with_position
 from webapp.files.photos.photo import read_facts, read_file
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
