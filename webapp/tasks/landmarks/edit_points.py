@@ -11,8 +11,8 @@ from webapp.core.mapmodel.control_points import GroundControlPoint, facts_proble
 from webapp.core.mapmodel.model import Map
 from webapp.core.texts import visible
 from webapp.errors import NotFound, UsageError
-from webapp.files.maps.control_points import point_fields
 from webapp.files.maps.folder import read_map, write_map
+from webapp.files.maps.lists import point_fields
 from webapp.store.library import Library
 from webapp.store.maps import edits
 from webapp.tasks.landmarks.known import all_photos

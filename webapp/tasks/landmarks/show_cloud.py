@@ -33,7 +33,7 @@ from webapp.files.landmarks.cloud import (
 )
 from webapp.files.landmarks.colmap import SUBMODELS_FILE, StoredSubmodels, read_submodels
 from webapp.files.localize.index_store import IndexFolder
-from webapp.files.maps.control_points import control_point_fields
+from webapp.files.maps.lists import control_point_fields
 from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.maps.blurred import blurred_elsewhere

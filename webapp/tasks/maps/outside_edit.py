@@ -14,9 +14,8 @@ from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel, whole_pixel
 from webapp.core.mapmodel.model import WRITTEN, Experience, Map, MapPhoto
 from webapp.errors import Conflict, MapError, NotFound, UsageError
-from webapp.files.maps.control_points import point_fields
 from webapp.files.maps.folder import read_map
-from webapp.files.maps.lists import floor_fields, note_fields
+from webapp.files.maps.lists import floor_fields, note_fields, point_fields
 from webapp.files.maps.map_json import georeference_fields
 from webapp.settings import Settings
 from webapp.store.library import Library

@@ -17,8 +17,7 @@ from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel, inside
 from webapp.errors import Conflict, UsageError
-from webapp.files.maps.control_points import point_fields
-from webapp.files.maps.lists import floor_fields, note_fields
+from webapp.files.maps.lists import floor_fields, note_fields, point_fields
 from webapp.files.maps.map_json import georeference_fields
 from webapp.store.maps import edits, maps
 from webapp.store.maps.changing import MapChange
