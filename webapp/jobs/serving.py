@@ -22,8 +22,7 @@ from sqlalchemy import select
 
 from webapp.errors import ExpMapError, MissingPart, UsageError
 from webapp.extras import require
-from webapp.jobs.acceptor import Acceptor
-from webapp.jobs.connection_queue import CAN_PASS
+from webapp.jobs.acceptor import CAN_PASS, Acceptor
 from webapp.jobs.draining import Drain
 from webapp.jobs.webserver import native_threads
 from webapp.logs import Form

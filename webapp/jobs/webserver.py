@@ -34,7 +34,7 @@ from gunicorn.workers.gthread import TConn, ThreadWorker  # type: ignore[import-
 from webapp import telemetry
 from webapp.configuration import load_settings
 from webapp.importing import import_name
-from webapp.jobs.connection_queue import ReceivingEnd
+from webapp.jobs.acceptor import ReceivingEnd
 from webapp.logs import FORMS, log_to_stderr
 from webapp.settings import Settings, let_threads_sleep
 from webapp.threads import cores
