@@ -22,7 +22,7 @@ CONFIG = "EXPMAP_CONFIG"
 """Environment variable with the path of the settings file."""
 
 DRAINING_FD = "EXPMAP_DRAINING_FD"
-"""Environment variable with the file descriptor of a server's drain pipe: see `webapp.jobs.draining`."""
+"""Environment variable with the file descriptor of a server's drain pipe: see `webapp.jobs.health`."""
 
 _INFINITE = 1e15
 """Upper limit of every numeric setting: no larger number makes sense."""

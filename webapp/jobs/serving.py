@@ -23,7 +23,7 @@ from sqlalchemy import select
 from webapp.errors import ExpMapError, MissingPart, UsageError
 from webapp.extras import require
 from webapp.jobs.acceptor import CAN_PASS, Acceptor
-from webapp.jobs.draining import Drain
+from webapp.jobs.health import Drain
 from webapp.jobs.webserver import native_threads
 from webapp.logs import Form
 from webapp.progress import Progress

@@ -6,7 +6,7 @@ from collections import namedtuple
 
 import pytest
 
-from webapp.jobs.draining import Drain
+from webapp.jobs.health import Drain
 from webapp.jobs.process_lock import ProcessLock
 
 Usage = namedtuple("Usage", "total used free")
