@@ -32,8 +32,8 @@ from webapp.errors import (
 )
 from webapp.files.atomic import storage_error, takes_nothing
 from webapp.jobs.context import Context, JobProgress
+from webapp.jobs.health import ProcessLock
 from webapp.jobs.kinds import JobRegistry, Sweep
-from webapp.jobs.process_lock import ProcessLock
 from webapp.logs import at_work
 from webapp.settings import Settings
 from webapp.store.library import Library
