@@ -197,7 +197,7 @@ class TestLists:
         assert pages == ["0", "2"]
 
     def test_a_full_answer_without_a_next_one_is_asked_again_in_quarters(self, bring, service, monkeypatch):
-        monkeypatch.setattr("webapp.net.mapillary.Mapillary.page_size", 2)
+        monkeypatch.setattr("webapp.net.street.Mapillary.page_size", 2)
         survey, _ = bring("mapillary")
         assert survey.found == 3
         assert service.asked["/images"] >= 5
