@@ -14,9 +14,8 @@ import numpy as np
 from webapp.core.geo.tilegrid import GeoBox
 from webapp.core.geo.types import MapPixel, inside
 from webapp.errors import Cancelled, GeoreferenceError, InputError, NotFound, UsageError
-from webapp.net.panoramax import Panoramax
 from webapp.net.polite import PoliteClient
-from webapp.net.street import Mapillary, StreetPhoto, StreetService, list_photos
+from webapp.net.street import Mapillary, Panoramax, StreetPhoto, StreetService, list_photos
 from webapp.progress import Progress
 from webapp.settings import StreetSettings
 from webapp.tasks.maps.panoramas import CutOptions, view_turns
