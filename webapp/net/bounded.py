@@ -20,6 +20,10 @@ from requests.adapters import HTTPAdapter
 from urllib3 import HTTPConnectionPool, HTTPSConnectionPool
 from urllib3.connection import HTTPConnection, HTTPSConnection
 
+from webapp import __version__
+from webapp.errors import InputError
+from webapp.progress import Progress
+
 CHUNK = 65_536
 _SLOWEST = 5_000.0
 """Bytes per second that a server has to send, after a start."""
@@ -171,3 +175,45 @@ class _SecurePool(HTTPSConnectionPool):
 
 
 _POOLS = {"http": _Pool, "https": _SecurePool}
+
+
+_USER_AGENT = f"experience-map/{__version__}"
+_TIMEOUT_S = 20.0
+_HINT = "try again later, or copy the file to this machine yourself and give its folder with --from"
+
+
+def download(address: str, *, size: int, progress: Progress) -> bytes:
+    """Fetch a file.
+
+    Args:
+        size: Expected size in bytes; reading stops beyond it.
+        progress: One step per 2^16 bytes.
+
+    Returns:
+        Of the right size; the caller has to check the content.
+
+    Raises:
+        InputError: The host does not answer, or not with a file of this size.
+        Cancelled
+    """
+    progress.size(-(-size // CHUNK))
+
+    def advance() -> None:
+        progress.check()
+        progress.advance()
+
+    try:
+        with (
+            bounded_session(_USER_AGENT) as session,
+            answering(session, address, most_bytes=size, timeout_s=_TIMEOUT_S) as answer,
+        ):
+            if answer.status_code != requests.codes.ok:
+                raise InputError(f"the host answered {answer.status_code}", where=address, hint=_HINT)
+            data = body(answer, most_bytes=size, at_chunk=advance)
+    except requests.RequestException as error:
+        message = f"the host cannot be reached ({type(error).__name__})"
+        raise InputError(message, where=address, hint=_HINT) from error
+    if data is None or len(data) != size:
+        received = "more" if data is None else len(data)
+        raise InputError(f"expected {size} bytes, received {received}", where=address, hint=_HINT)
+    return data

@@ -20,7 +20,7 @@ from webapp.files.localize.models import (
     open_model,
     read_model,
 )
-from webapp.net.download import download
+from webapp.net.bounded import download
 from webapp.progress import Progress
 from webapp.settings import Settings
 
