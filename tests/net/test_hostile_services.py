@@ -11,8 +11,7 @@ from webapp.core.geo.tilegrid import Tile
 from webapp.errors import InputError
 from webapp.net import bounded, geocoder, polite, tiles
 from webapp.net.polite import PoliteClient
-from webapp.net.services import TileService
-from webapp.net.tiles import TileFetcher
+from webapp.net.tiles import TileFetcher, TileService
 from webapp.progress import Progress
 from webapp.settings import GeocoderSettings, StreetSettings, TileSettings
 

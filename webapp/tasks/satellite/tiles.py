@@ -17,8 +17,7 @@ from webapp.errors import InputError, PhotoError, UsageError
 from webapp.files.decode import open_image
 from webapp.files.satellite.raster import keep_pixels
 from webapp.files.satellite.tile_archive import opened_tiles
-from webapp.net.services import TileService, named, tile_services
-from webapp.net.tiles import TileFetcher
+from webapp.net.tiles import TileFetcher, TileService, named, tile_services
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
 from webapp.store.clock import now

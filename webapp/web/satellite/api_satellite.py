@@ -17,7 +17,7 @@ from webapp.errors import NotFound, UsageError
 from webapp.files.part_file import receive, show_file_as
 from webapp.files.satellite.georeference_files import parse_corners
 from webapp.files.satellite.tile_archive import PICTURES, opened_tiles
-from webapp.net.services import named, tile_services
+from webapp.net.tiles import named, tile_services
 from webapp.store.operate import jobs
 from webapp.store.operate.job_views import TILES_JOB
 from webapp.tasks.maps.add_photo import tidy_name
