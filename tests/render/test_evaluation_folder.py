@@ -12,7 +12,7 @@ from PIL import Image
 
 from webapp.errors import StorageError
 from webapp.files.exchange import tum
-from webapp.render.evaluation_folder import COLUMNS, results_csv, worst_rows, write
+from webapp.render.report import COLUMNS, results_csv, worst_rows, write
 from webapp.settings import PhotoLimits
 from webapp.tasks.evaluation.evaluate import to_json
 from webapp.tasks.evaluation.types import Evaluation

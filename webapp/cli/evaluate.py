@@ -26,7 +26,7 @@ from webapp.cli.progressbar import terminal_progress
 from webapp.core.hypotheses.model import Answer
 from webapp.errors import UsageError
 from webapp.files.localize import queries_csv
-from webapp.render import evaluation_folder
+from webapp.render import report
 from webapp.render.report import figures
 from webapp.settings import PhotoLimits, keep_freed_memory
 from webapp.tasks.evaluation import evaluate as task
@@ -171,5 +171,5 @@ def _report(evaluation: Evaluation, output: Path | None, *, several: bool, limit
     if output is None:
         return
     folder = output / evaluation.scheme if several else output
-    evaluation_folder.write(evaluation, folder, limits=limits)
+    report.write(evaluation, folder, limits=limits)
     click.echo(f"report: {folder / 'report.html'}", err=True)
