@@ -13,8 +13,7 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.render.canvas import Point
 from webapp.render.colours import INK, RGB, probability_colour
-from webapp.render.sheet.drawing import Drawing, TextStyle
-from webapp.render.sheet.labels import Box
+from webapp.render.sheet.drawing import Box, Drawing, TextStyle
 from webapp.render.sheet.options import SheetAnswer
 
 PHOTO: RGB = (22, 104, 220)

@@ -18,8 +18,17 @@ from webapp.core.mapmodel.notes import MapNote
 from webapp.render.canvas import Point
 from webapp.render.colours import INK, QUIET, probability_colour
 from webapp.render.sheet import marks
-from webapp.render.sheet.drawing import Drawing, PdfDrawing, PngDrawing, TextStyle, shorten, text_width
-from webapp.render.sheet.labels import Box, LabelWanted, place_labels
+from webapp.render.sheet.drawing import (
+    Box,
+    Drawing,
+    LabelWanted,
+    PdfDrawing,
+    PngDrawing,
+    TextStyle,
+    place_labels,
+    shorten,
+    text_width,
+)
 from webapp.render.sheet.marks import SheetView
 from webapp.render.sheet.options import SheetAnswer, SheetFormat, SheetOptions, SheetWords
 
