@@ -24,10 +24,9 @@ from webapp.files.maps.folder import write_map
 from webapp.files.photos.exif_write import CameraTags, exif_bytes
 from webapp.progress import Progress
 from webapp.sample.scene.camera import CameraView, map_views, query_views
-from webapp.sample.scene.light import AFTERNOON, AUTUMN, EVENING, OVERCAST, Light
 from webapp.sample.scene.plan import DEPTH_M, WIDTH_M
 from webapp.sample.scene.render import overhead, render
-from webapp.sample.scene.stage import Stage, set_stage
+from webapp.sample.scene.stage import AFTERNOON, AUTUMN, EVENING, OVERCAST, Light, Stage, set_stage
 from webapp.sample.scene.world import World, build_world
 from webapp.settings import Settings
 
