@@ -11,7 +11,7 @@ from flask_babel import lazy_gettext as _l
 
 from webapp.core.mapmodel.walk import Walk
 from webapp.errors import UsageError
-from webapp.store.maps.timeline import count_without_time, days
+from webapp.store.maps.maps import count_without_time, days
 from webapp.tasks.maps.walk import stops_of, walk_along
 from webapp.web.context import account, library, reading_map
 from webapp.web.maps import state as map_state
