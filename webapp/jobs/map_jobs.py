@@ -15,8 +15,7 @@ from webapp.render import export_file
 from webapp.settings import Settings
 from webapp.store.maps import maps
 from webapp.store.maps.blurred import boxes_of
-from webapp.tasks.blur.accept import accept_in_library
-from webapp.tasks.blur.find import PhotoToSearch, search_photos
+from webapp.tasks.blur.find import PhotoToSearch, accept_in_library, search_photos
 from webapp.tasks.evaluation import evaluate
 from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.evaluation.measure import with_hidden_photos

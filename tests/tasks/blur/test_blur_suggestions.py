@@ -16,8 +16,7 @@ from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.blur import find
-from webapp.tasks.blur.accept import accept_in_folder
-from webapp.tasks.blur.find import DetectionCache, photos_of, search_photos
+from webapp.tasks.blur.find import DetectionCache, accept_in_folder, photos_of, search_photos
 
 LIMITS = Settings().photo
 ROOT = Path(__file__).resolve().parents[3]

@@ -22,8 +22,7 @@ from webapp.settings import Settings
 from webapp.store.maps import maps
 from webapp.store.maps.blurred import blurred_elsewhere
 from webapp.store.schema import Job, MapRecord
-from webapp.tasks.blur.accept import accept_in_library
-from webapp.tasks.blur.find import PhotoToSearch, search_photos
+from webapp.tasks.blur.find import PhotoToSearch, accept_in_library, search_photos
 from webapp.tasks.exchange.export_source import of_folder
 from webapp.tasks.exchange.thumbnails import thumbnail
 from webapp.tasks.maps import export, pictures, show_photo
