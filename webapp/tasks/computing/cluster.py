@@ -20,7 +20,7 @@ from webapp.logs import carried
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.computing import on_worker
-from webapp.tasks.computing.pool import LOOK_EVERY_S, Part
+from webapp.tasks.computing.local import LOOK_EVERY_S, Part
 
 _CONNECT_S = 5.0
 _WAIT_S = 10

@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeVar
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.computing import local
-from webapp.tasks.computing.pool import Pool
+from webapp.tasks.computing.local import Pool
 from webapp.threads import cores
 
 Shared = TypeVar("Shared")
