@@ -27,8 +27,7 @@ from webapp.render.charts import error_chart, reliability_chart
 from webapp.render.map_picture import draw_map
 from webapp.resources import resource_folder
 from webapp.settings import PhotoLimits
-from webapp.tasks.evaluation.evaluate import to_json
-from webapp.tasks.evaluation.poses import trajectories
+from webapp.tasks.evaluation.evaluate import to_json, trajectories
 from webapp.tasks.evaluation.types import Evaluation
 
 UNKNOWN = "–"

@@ -6,7 +6,7 @@ from webapp.core.evaluation.metrics import QueryResult
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Map, SatelliteImage
-from webapp.tasks.evaluation.poses import trajectories
+from webapp.tasks.evaluation.evaluate import trajectories
 
 RESULTS = [
     QueryResult("a.jpg", MapPixel(60, 40), None, "broken", truth_heading_deg=0.0),
