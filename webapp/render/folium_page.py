@@ -20,8 +20,7 @@ from webapp.progress import Progress
 from webapp.render.mercator import MercatorPicture, to_mercator
 from webapp.resources import resource_folder
 from webapp.settings import Settings
-from webapp.tasks.exchange.export_source import Download, Source
-from webapp.tasks.exchange.thumbnails import encode_picture, satellite_picture, thumbnail
+from webapp.tasks.exchange.export_source import Download, Source, encode_picture, satellite_picture, thumbnail
 from webapp.tasks.maps.walk import walk_of_map
 
 if TYPE_CHECKING:

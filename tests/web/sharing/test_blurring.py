@@ -23,8 +23,7 @@ from webapp.store.maps import maps
 from webapp.store.maps.blurred import blurred_elsewhere
 from webapp.store.schema import Job, MapRecord
 from webapp.tasks.blur.find import PhotoToSearch, accept_in_library, search_photos
-from webapp.tasks.exchange.export_source import of_folder
-from webapp.tasks.exchange.thumbnails import thumbnail
+from webapp.tasks.exchange.export_source import of_folder, thumbnail
 from webapp.tasks.maps import export, pictures, show_photo
 from webapp.tasks.maps.delete_map import delete_map
 from webapp.web.state import KEY

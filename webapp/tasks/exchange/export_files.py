@@ -28,8 +28,15 @@ from webapp.settings import Settings
 from webapp.store import queries
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord, QueryRecord
-from webapp.tasks.exchange.export_source import Download, Source, of_library, plain_name
-from webapp.tasks.exchange.thumbnails import encode_picture, satellite_picture, thumbnail
+from webapp.tasks.exchange.export_source import (
+    Download,
+    Source,
+    encode_picture,
+    of_library,
+    plain_name,
+    satellite_picture,
+    thumbnail,
+)
 from webapp.tasks.maps import export
 
 UNPLACED = "unplaced"
