@@ -6,15 +6,17 @@ import math
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.table import FeatureChoice
 from webapp.core.geo.types import MapPixel
-from webapp.core.landmarks.matching import Views
+from webapp.core.landmarks.matching import Views, choose_pairs, match_mutually
 from webapp.core.landmarks.submodels import LEAST_PHOTOS, Submodel, of_photos
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.views import content_of, level_views
@@ -30,7 +32,13 @@ from webapp.files.landmarks.colmap import (
     read_submodels,
     write_submodels,
 )
-from webapp.files.landmarks.match_database import MatchDatabase, StoredPhoto, ViewFeatures
+from webapp.files.landmarks.match_database import (
+    MatchDatabase,
+    StoredPhoto,
+    ViewFeatures,
+    stored_photo,
+    two_view_geometry,
+)
 from webapp.files.listing import natural_key
 from webapp.files.localize.features import read_segment
 from webapp.files.localize.index_store import IndexFolder, Manifest
@@ -38,8 +46,7 @@ from webapp.files.lock import writer_lock
 from webapp.files.maps.folder import photo_hash
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings
-from webapp.tasks.computing.in_order import ExecutionTarget
-from webapp.tasks.landmarks.compare import compare_photos
+from webapp.tasks.computing.in_order import ExecutionTarget, in_order
 from webapp.tasks.landmarks.known import AnyPhoto
 from webapp.tasks.landmarks.mapping import (
     MATCHES_FILE,
@@ -295,3 +302,85 @@ def renumbered(
     turns = np.array([turn_of.get(content, 0) for content in stored.contents], np.int64)
     for submodel in stored.submodels:
         yield of_photos(submodel, photo=numbers[submodel.photo], turn_deg=turns[submodel.photo])
+
+
+_HELD = 64
+"""Photos that a worker keeps in memory: those of neighbouring pairs."""
+
+
+class ComparedPhotos:
+    """The photos to compare; a Dask worker reads their features from files.
+
+    Args:
+        folder: Folder of the features.
+        contents: SHA-256 of the photos.
+        photos: The photos, if they are in memory.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        contents: Sequence[str],
+        *,
+        cameras: Sequence[tuple[int, Any]],
+        photos: Sequence[StoredPhoto] | None = None,
+    ) -> None:
+        self._state = (folder, tuple(contents), tuple(cameras))
+        self.photo = lru_cache(_HELD)(self._read) if photos is None else photos.__getitem__
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Pickle without the photos in memory."""
+        return _on_worker, self._state
+
+    def _read(self, number: int) -> StoredPhoto:
+        folder, contents, cameras = self._state
+        features = read_segment(IndexFolder(folder).spool_path(contents[number]), mapped=False)
+        return stored_photo(*cameras[number], features=features.entry(0).features)
+
+
+def _on_worker(folder: Path, contents: Sequence[str], cameras: Sequence[tuple[int, Any]]) -> ComparedPhotos:
+    return ComparedPhotos(folder, contents, cameras=cameras)
+
+
+def compare_photos(
+    database: MatchDatabase,
+    photos: Sequence[tuple[str, StoredPhoto]],
+    *,
+    at: NDArray[np.complex128],
+    views: Views,
+    place: ExecutionTarget,
+    progress: Progress,
+) -> None:
+    """Match the pairs that have not been matched yet.
+
+    Raises Cancelled, ProcessLost, ClusterUnavailable, UsageError, MissingPart.
+
+    Args:
+        photos: Photos with their content hashes.
+        at: (p,) complex128. Positions on the map; NaN where there is none.
+        place: Its folder is that of the features.
+    """
+    progress.note("finding overlapping photos")
+    stored = [photo for _, photo in photos]
+    pairs = [
+        (one, other)
+        for one, other in choose_pairs([p.descriptors for p in stored], at=at, views=views).tolist()
+        if not database.is_compared(stored[one], stored[other])
+    ]
+    progress.note("matching the photos")
+    progress.size(len(pairs))
+    shared = ComparedPhotos(
+        place.folder.absolute(),
+        [content for content, _ in photos],
+        cameras=[(photo.id, photo.camera) for photo in stored],
+        photos=stored,
+    )
+    found = in_order(_compare, pairs, shared=shared, at=place, progress=progress)
+    for (one, other), geometry in zip(pairs, found, strict=True):
+        database.keep(stored[one], stored[other], geometry=geometry)
+        progress.advance()
+
+
+def _compare(photos: ComparedPhotos, pair: tuple[int, int]) -> Any:
+    one, other = map(photos.photo, pair)
+    return two_view_geometry(one, other, matches=match_mutually(one.descriptors, other.descriptors))
