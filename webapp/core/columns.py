@@ -1,4 +1,4 @@
-"""Meaning of a table's columns: given by the user, or guessed from its header.
+"""Meaning of a table's columns: given by the user, or guessed from the words in its header.
 
 Written as `time=stamp:ms, lat=Latitude, lon=Longitude, heading=yaw:rad`: a field, the column by its header or
 by its number from 1, and a unit if it is neither in the header nor the default. A unit that is not known is

@@ -1,8 +1,9 @@
-"""Accepts the connections of a server in the supervisor, which does no other work.
+"""Accepts the connections of a server in the supervisor, and queues them for the web processes.
 
 Health checks are answered at once, however busy the web processes are. All other connections are passed to
 these: whichever is free first takes the next one. The web processes thus do not hold the listening socket,
-and the port is free as soon as the supervisor has ended.
+and the port is free as soon as the supervisor has ended. A message of the queue is one byte and a file
+descriptor (`SCM_RIGHTS`). Messages stay in the queue while no web process runs. Linux only.
 """
 
 from __future__ import annotations

@@ -1,4 +1,9 @@
-"""Health checks of a server, as `/healthz`, `/livez` and `/readyz` report them."""
+"""Health checks of a server, as `/healthz`, `/livez` and `/readyz` report them, and what they look at.
+
+A pipe signals to the processes of a server that it is about to stop, before they get SIGTERM: the supervisor
+holds the write end. When it is closed, also by the supervisor's death, all processes that inherited the read
+end notice it, even those that were restarted. The lock of a worker shows whether its process lives.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""GET requests with limits of bytes and time, which hold whatever a server sends.
+"""GET requests and downloads with limits of bytes and time, which hold whatever a server sends.
 
 The timeout of `requests` is that of one read from the socket, so that a byte now and then keeps a request
 open for ever, and nobody counts the bytes of headers, chunk sizes and trailers. Here the limits apply at the

@@ -1,4 +1,11 @@
-"""Common parts of the services of street-level photos: their interface, and how photos are listed."""
+"""Services of street-level photos: Panoramax and Mapillary, their interface, and how photos are listed.
+
+Panoramax is an open federation, asked through the STAC API of one of its instances with `requests`:
+pystac-client has its own retries, and its own handling of hosts and redirects. https://docs.panoramax.fr/api/
+
+Mapillary is asked through its API v4 with a token. Its photos are under CC BY-SA 4.0.
+https://www.mapillary.com/developer/api-documentation
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Fetches map tiles through a cache, with limits for parallel requests, request rate and size."""
+"""The available map tile services, and their tiles, fetched through a cache.
+
+Parallel requests, the request rate and sizes are limited.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report of an evaluation: one self-contained HTML file."""
+"""The report of an evaluation, one self-contained HTML file, and the folder with its tables and poses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Metrics of an evaluation, computed from plain arrays.
+"""Results of an evaluation, and metrics over all of them.
 
 In every function `errors` is an (n,) float64 array with the distance of each query's first hypothesis from
 the truth, map pixels; it is infinite for a query without a hypothesis, which is thus a miss at any radius.

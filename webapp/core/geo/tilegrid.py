@@ -1,4 +1,4 @@
-"""The grid of web map tiles: pixels of the whole Earth in web Mercator, at each zoom.
+"""The grid of web map tiles: pixels of the whole Earth in web Mercator; the area of an image.
 
 At zoom z the square of web Mercator (EPSG:3857) has 256 * 2^z pixels a side, (0, 0) at its north-western
 corner; a tile has 256 x 256 of them. A cut-out of whole pixels is an affine image of that plane: its

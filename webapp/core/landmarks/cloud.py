@@ -1,4 +1,4 @@
-"""Landmarks: points of a reconstruction with the descriptors of their observations in photos."""
+"""Landmarks: points of a reconstruction with their observations; the cloud in the map's frame."""
 
 from __future__ import annotations
 

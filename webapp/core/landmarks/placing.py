@@ -1,4 +1,4 @@
-"""Aligns a submodel with the map by its placed photos, which places the others.
+"""Aligns a submodel with the map by its placed photos, and proposes which to place next.
 
 A long submodel drifts, and a plan may not be to scale, so each photo has a similarity of its own, in which
 near placed photos weigh more (moving least squares: S. Schaefer, T. McPhail, J. Warren, "Image deformation

@@ -1,4 +1,9 @@
-"""Submodels of a reconstruction, their plan views, and similarities between point sets."""
+"""Submodels of a reconstruction, their plan views, and similarities between point sets.
+
+A reconstruction is split where its photos share too few points: a part that is connected by a few points
+only, at a sharp turn or between similar facades, has an arbitrary direction and scale. It becomes a submodel
+of its own, which is aligned with the map separately.
+"""
 
 from __future__ import annotations
 

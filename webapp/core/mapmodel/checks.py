@@ -1,4 +1,4 @@
-"""Checks of a map that can be parsed: ids, positions, photos, the satellite image."""
+"""Checks of a map that can be parsed, and of how well its photos are recognised."""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Global descriptors of a map's photos, and the similarity of a query to each."""
+"""Global descriptors of photos: similarity of a query to a map's photos, and to all photos of a library.
+
+For a library each photo has one short vector: its descriptors are aggregated as for signatures
+(`engines.vlad`), the mean is subtracted, and the principal components are kept (Jégou and Chum 2012). Vectors
+have length 1, so that the scalar product of two is the cosine of their angle.
+"""
 
 from __future__ import annotations
 

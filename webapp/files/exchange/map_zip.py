@@ -1,6 +1,8 @@
 """Unpacks a zip with a map: only files that belong to the map, and never outside the folder.
 
-Zips are untrusted: names, sizes and the number of files are checked before and while one is unpacked.
+Zips are untrusted: names, sizes and the number of files are checked before and while one is unpacked. A zip
+may not state the encoding of its names: only a flag says that they are UTF-8. The Finder of macOS writes
+UTF-8 without it, Windows the code page of the machine, and readers take all of these for CP437.
 """
 
 from __future__ import annotations

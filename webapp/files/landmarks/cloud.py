@@ -1,4 +1,4 @@
-"""The cloud of a map's landmarks: extracted from pycolmap's models, and stored on disk."""
+"""The cloud of a map's landmarks, from pycolmap's models, and its points and their colours, on disk."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""Weights of networks: their files, folder and hashes.
+"""Models of networks: their files, and the networks made of them.
 
 Published files are identified by their hash. Others are supplied by the user: only their name is fixed, and
-their hash becomes part of an index's name.
+their hash becomes part of an index's name. The global descriptor is `global.onnx`; `global.json` next to it
+states what the model does not: `width`, `height`, `mean` and `std` of its input.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A bucket of an S3 server, accessed by boto3, whose errors are converted to those of the program."""
+"""A bucket of an S3 server, accessed by boto3; a watcher may count the requests."""
 
 from __future__ import annotations
 

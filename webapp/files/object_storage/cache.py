@@ -1,4 +1,4 @@
-"""A cache of objects on the disk of this machine, up to a size limit.
+"""Objects cached on the disk of this machine, up to a size limit, and the pointers to them.
 
 ::
 

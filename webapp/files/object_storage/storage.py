@@ -1,4 +1,4 @@
-"""Objects in a bucket, with a local cache."""
+"""Objects in a bucket, with a local cache; the file of a library that names its storage."""
 
 from __future__ import annotations
 

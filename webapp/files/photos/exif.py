@@ -1,4 +1,4 @@
-"""The EXIF tags of a photo as plain tables, even if they are damaged: time, field of view, orientation."""
+"""The EXIF tags of a photo, even if they are damaged: time, field of view, position, heading."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Writes EXIF: whole blocks, positions and headings into copies of photos, and new photos with their tags."""
+"""Writes EXIF: whole blocks, positions and headings into copies of photos, and new photos with their tags.
+
+For other programs, it writes XMP sidecars and a table for exiftool.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Panoramas: their XMP (Google's Photo Sphere), their masks, and the views that are cut out of them."""
+"""Panoramas: their XMP (Google's Photo Sphere), masks and views; the rigs that take them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A photo: its metadata, and its upright pixels."""
+"""A photo: its metadata, its upright pixels, and small pictures of it without EXIF, for privacy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reads large images strip by strip, converted to 8-bit colours.
+"""Reads large images strip by strip, resamples them, and writes those of a map.
 
 With rasterio (the extra `geotiff`), memory does not depend on their size. Without it, TIFFs cannot be read,
 and other images are decoded as a whole.

@@ -1,4 +1,4 @@
-"""Drawing on a sheet of paper: shapes and text in points, as PDF or as pixels."""
+"""Drawing on a sheet of paper: shapes, text and labels without overlaps, as PDF or as pixels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Prints a map: reads its image, and draws the sheet."""
+"""Prints a map: reads its image, lays it out on a sheet of paper, and draws it."""
 
 from __future__ import annotations
 

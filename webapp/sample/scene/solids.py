@@ -1,4 +1,4 @@
-"""Buildings, trunks and furniture, as textured quadrilaterals."""
+"""Buildings with their facades, trunks and furniture, as textured quadrilaterals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A park under one light: shadows, season, sky."""
+"""A park under one light (time of day, weather, season): shadows, sky."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Maps of the library, the roles of accounts on them, and the records of their photos."""
+"""Maps of the library, the roles of accounts on them, and their photos, also by day."""
 
 from __future__ import annotations
 

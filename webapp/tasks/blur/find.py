@@ -1,4 +1,4 @@
-"""Detects faces and number plates that are not blurred yet, and keeps what was found.
+"""Detects faces and number plates that are not blurred yet, keeps what was found, and blurs what is accepted.
 
 Detections are stored in the map's folder, one line per searched photo, identified by its SHA-256, so that no
 photo is searched twice. Lines are only appended, so that a killed process loses one photo at most.
