@@ -26,7 +26,7 @@ from webapp.core.mapmodel.recognition import (
 )
 from webapp.errors import StorageError, UsageError
 from webapp.files.atomic import make_folder, write_text
-from webapp.files.exchange.walk import WalkPoint
+from webapp.files.exchange.gpx import WalkPoint
 from webapp.files.listing import DERIVED
 from webapp.settings import Settings
 from webapp.store.library import Library

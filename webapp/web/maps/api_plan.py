@@ -15,7 +15,7 @@ from werkzeug.datastructures import FileStorage
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.recognition import Rectangle
 from webapp.errors import NotFound, UsageError
-from webapp.files.exchange.walk import format_walk_gpx
+from webapp.files.exchange.gpx import format_walk_gpx
 from webapp.files.part_file import discard, receive
 from webapp.store.schema import MapRecord
 from webapp.tasks import photo_plan
