@@ -24,7 +24,7 @@ from webapp.tasks.computing import cluster as cluster_module
 from webapp.tasks.computing import on_worker
 from webapp.tasks.computing.in_order import ExecutionTarget, in_order
 from webapp.tasks.evaluation import evaluate
-from webapp.tasks.evaluation.measure import with_hidden_photos
+from webapp.tasks.evaluation.evaluate import with_hidden_photos
 from webapp.tasks.landmarks.reconstruct import reconstruct
 from webapp.tasks.localize import build_map
 from webapp.tasks.localize.open_pipeline import open_pipeline

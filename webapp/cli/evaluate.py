@@ -30,7 +30,7 @@ from webapp.render import report
 from webapp.render.report import figures
 from webapp.settings import PhotoLimits, keep_freed_memory
 from webapp.tasks.evaluation import evaluate as task
-from webapp.tasks.evaluation.measure import with_hidden_photos
+from webapp.tasks.evaluation.evaluate import with_hidden_photos
 from webapp.tasks.evaluation.types import EvaluateOptions, Evaluation
 from webapp.tasks.localize.open_pipeline import open_pipeline
 from webapp.tasks.localize.sequence import SequenceFilter, smooth_sequence

@@ -18,7 +18,7 @@ from webapp.store.maps.blurred import boxes_of
 from webapp.tasks.blur.find import PhotoToSearch, accept_in_library, search_photos
 from webapp.tasks.evaluation import evaluate
 from webapp.tasks.evaluation import stored as stored_evaluation
-from webapp.tasks.evaluation.measure import with_hidden_photos
+from webapp.tasks.evaluation.evaluate import with_hidden_photos
 from webapp.tasks.evaluation.types import EvaluateOptions
 from webapp.tasks.exchange import import_map
 from webapp.tasks.exchange.import_map import archive_path

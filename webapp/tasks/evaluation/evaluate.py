@@ -7,8 +7,9 @@ import platform
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import faiss
@@ -22,11 +23,12 @@ from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.jsonform import answer_to_json, failure_to_json
 from webapp.core.hypotheses.model import AnswerSource
 from webapp.core.mapmodel.model import Experience, Map
-from webapp.errors import UsageError
+from webapp.errors import PhotoError, UsageError
 from webapp.files.exchange.tum import PlanarPose
 from webapp.files.localize import queries_csv
+from webapp.files.localize.calibration import StoredCalibration
 from webapp.progress import Progress
-from webapp.tasks.evaluation.measure import QueryTrial, measure, measure_all
+from webapp.tasks.computing.in_order import ExecutionTarget, in_order
 from webapp.tasks.evaluation.types import (
     EvaluateOptions,
     Evaluation,
@@ -35,7 +37,9 @@ from webapp.tasks.evaluation.types import (
     Scheme,
     Subject,
 )
-from webapp.tasks.localize.pipeline import LocalizationPipeline
+from webapp.tasks.localize import geometry, orient_map
+from webapp.tasks.localize.open_index import MapSource, RebuiltValue
+from webapp.tasks.localize.pipeline import LocalizationPipeline, Look
 
 
 def evaluate_queries(
@@ -330,3 +334,78 @@ def _in_metres(sights: list[_Sight], georeference: Georeference, local: LocalFra
             yaw = None if heading is None else math.radians(90 - heading)
             poses.append(PlanarPose(float(number), float(east), float(north), yaw))
     return poses
+
+
+class QueryTrial(NamedTuple):
+    """A query without an answer, its photo, and the experience ids to hide from it."""
+
+    query: QueryResult
+    photo: Path
+    hide: frozenset[int] = frozenset()
+
+
+def measure(localize: Localize, trial: QueryTrial, *, top: int) -> QueryResult:
+    """Localize one photo; a photo that cannot be used is a failed query."""
+    try:
+        answer = localize(trial.photo, top=top, hide=trial.hide)
+    except PhotoError as error:
+        return replace(trial.query, error=str(error))
+    # Only the best photo's matches are shown later; to keep all would need too much memory.
+    return replace(trial.query, answer=replace(answer, evidence=answer.evidence[:1]))
+
+
+def measure_all(
+    pipeline: LocalizationPipeline, trials: Sequence[QueryTrial], *, top: int, progress: Progress
+) -> Iterator[QueryResult]:
+    """Localize all photos; the results are in their order.
+
+    Raises Cancelled, ProcessLost, ClusterUnavailable, UsageError, MissingPart.
+    """
+    at = ExecutionTarget(pipeline.settings, pipeline.opened.writable)
+    first = pipeline.looks[0]
+    if first.around is not None or first.opened.method == "vote":
+        at = at.on_this_machine()  # landmarks made on demand are reused for the following photos
+    files = [
+        _LookFiles(MapSource.of(look.opened), look.calibration, look.sightings is not None)
+        for look in pipeline.looks
+    ]
+    again = RebuiltValue(partial(_open_again, replace(pipeline, looks=()), files), pipeline)
+    absolute = [trial._replace(photo=trial.photo.absolute()) for trial in trials]
+    return in_order(_measure_trial, absolute, shared=(again, top), at=at, progress=progress)
+
+
+def _measure_trial(shared: tuple[RebuiltValue[LocalizationPipeline], int], trial: QueryTrial) -> QueryResult:
+    pipeline, top = shared
+    return measure(pipeline.value().localize, trial, top=top)
+
+
+class _LookFiles(NamedTuple):
+    """All that a Dask worker needs to open a look again."""
+
+    files: MapSource
+    calibration: StoredCalibration | None
+    hides: bool
+
+    def open(self) -> Look:
+        opened = geometry.prepare_geometry(self.files.open(), progress=Progress())
+        look = Look(opened, self.calibration)
+        return _with_sightings(look) if self.hides else look
+
+
+def _open_again(pipeline: LocalizationPipeline, files: Sequence[_LookFiles]) -> LocalizationPipeline:
+    """Open the looks of a pipeline that has none; raises the same errors as `MapSource.open`."""
+    return replace(pipeline, looks=tuple(look.open() for look in files))
+
+
+def with_hidden_photos(pipeline: LocalizationPipeline) -> LocalizationPipeline:
+    """Prepare a pipeline for queries from its own map, which are hidden: depths are computed without them.
+
+    Raises StorageError.
+    """
+    return replace(pipeline, looks=tuple(map(_with_sightings, pipeline.looks)))
+
+
+def _with_sightings(look: Look) -> Look:
+    if look.calibration is None:
+        return look
+    return replace(look, sightings=orient_map.sightings(look.opened))

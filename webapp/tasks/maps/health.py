@@ -17,7 +17,7 @@ from webapp.files.localize import queries_csv
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.evaluation import evaluate
-from webapp.tasks.evaluation.measure import with_hidden_photos
+from webapp.tasks.evaluation.evaluate import with_hidden_photos
 from webapp.tasks.evaluation.types import EvaluateOptions
 from webapp.tasks.localize.open_pipeline import open_pipeline
 from webapp.tasks.localize.plan import OpenOptions
