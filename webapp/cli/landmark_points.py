@@ -18,8 +18,13 @@ from webapp.files.maps.folder import read_map
 from webapp.files.maps.lists import point_fields
 from webapp.tasks.landmarks.accept import library_of, owner_of
 from webapp.tasks.landmarks.control_points import Residual, stored_residuals
-from webapp.tasks.landmarks.edit_points import set_in_folder, set_in_library
-from webapp.tasks.landmarks.point_table import photo_sizes, points_from, table_of
+from webapp.tasks.landmarks.edit_points import (
+    photo_sizes,
+    points_from,
+    set_in_folder,
+    set_in_library,
+    table_of,
+)
 from webapp.tasks.maps import export
 
 
