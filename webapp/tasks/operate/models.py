@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, cast
@@ -12,6 +13,7 @@ from typing import Any, NamedTuple, cast
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from sqlalchemy import select
 
 from webapp.core.features.entry import ModelFile
 from webapp.core.features.extract import extract
@@ -38,6 +40,10 @@ from webapp.files.localize.models import (
 from webapp.net.bounded import download
 from webapp.progress import Progress
 from webapp.settings import Settings
+from webapp.store.library import Library
+from webapp.store.maps.changing import INDEX_JOB
+from webapp.store.operate import jobs
+from webapp.store.schema import MapRecord
 
 Models = Mapping[str, tuple[ModelFile, ...]]
 
@@ -351,3 +357,31 @@ def _inliers(
         return 0
     there = cv2.perspectiveTransform(mine[:, None], warp)[:, 0]
     return int((np.linalg.norm(there - second.xy[pairs[:, 1]], axis=1) <= _CLOSE_PX).sum())
+
+
+def queue_second_looks(library: Library, settings: Settings) -> int:
+    """Queue the index job of each map whose last one ended before the models were installed.
+
+    An index that is up to date is not built again, so a job too many does no harm.
+
+    Returns:
+        Number of maps.
+    """
+    if SECOND_LOOK[0] in missing_second_look(settings) or settings.retrieval.budget_s == 0.0:
+        return 0
+    since, count = _installed_at(settings), 0
+    with library.database.write() as session:
+        for id in session.scalars(select(MapRecord.id).where(MapRecord.binned_at.is_(None))).all():
+            last = jobs.newest(session, id, kind=INDEX_JOB, key="")
+            if last is not None and last.ended_at is not None and last.ended_at < since:
+                jobs.enqueue(session, INDEX_JOB, map_id=id)
+                count += 1
+    return count
+
+
+def _installed_at(settings: Settings) -> datetime:
+    """Return when the last model of the second look was installed."""
+    folder = models_folder(settings.models)
+    paths = [folder / file.name for name in SECOND_LOOK for file in MODELS[name]]
+    newest = max((path.stat().st_mtime for path in paths if path.is_file()), default=0.0)
+    return datetime.fromtimestamp(newest, UTC)
