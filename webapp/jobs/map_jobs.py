@@ -41,8 +41,7 @@ from webapp.tasks.satellite.apply import ImageChoice, set_image
 from webapp.tasks.satellite.files import removed_if_refused
 from webapp.tasks.satellite.tiles import TileRequest
 from webapp.tasks.street.add_street import add_street_photos
-from webapp.tasks.street.survey import PixelBox, StreetRequest, survey_street
-from webapp.tasks.street.targets import LibraryTarget
+from webapp.tasks.street.survey import LibraryTarget, PixelBox, StreetRequest, survey_street
 
 _NAMED = 100
 """Maximum number of photos or findings named in a result."""

@@ -23,8 +23,7 @@ from webapp.progress import Progress
 from webapp.settings import Settings, UploadLimits
 from webapp.store.schema import Photo
 from webapp.tasks.operate.sweep_uploads import sweep_uploads
-from webapp.tasks.street.survey import PixelBox, StreetRequest, survey_street
-from webapp.tasks.street.targets import FolderTarget
+from webapp.tasks.street.survey import FolderTarget, PixelBox, StreetRequest, survey_street
 
 
 def with_street(settings, **changes):
@@ -365,7 +364,7 @@ import os, signal, sys
 from dataclasses import replace
 from pathlib import Path
 from webapp.cli.street import street_photos
-from webapp.tasks.street.targets import FolderTarget
+from webapp.tasks.street.survey import FolderTarget
 take = FolderTarget.take
 def take_and_die(self, photo):
     take(self, photo)

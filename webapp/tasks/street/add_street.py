@@ -20,13 +20,14 @@ from webapp.tasks.maps.add_photo import ServiceMetadata
 from webapp.tasks.maps.panoramas import PanoramaPose, cut_panorama, view_turns
 from webapp.tasks.street.survey import (
     CUT,
+    ArrivedPhoto,
     PlacedStreetPhoto,
     StreetRequest,
     StreetSurvey,
+    StreetTarget,
     open_service,
     part_ids,
 )
-from webapp.tasks.street.targets import ArrivedPhoto, StreetTarget
 from webapp.threads import ContextThreads
 
 _LISTEN_S = 0.5

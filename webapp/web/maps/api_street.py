@@ -15,6 +15,7 @@ from webapp.store.operate import jobs
 from webapp.tasks.street.survey import (
     PANORAMA_WISHES,
     SOURCES,
+    LibraryTarget,
     PixelBox,
     StreetRequest,
     check_request,
@@ -22,7 +23,6 @@ from webapp.tasks.street.survey import (
     survey_json,
     survey_street,
 )
-from webapp.tasks.street.targets import LibraryTarget
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, map_role, open_map, settings
 from webapp.web.fields import BoundedList
