@@ -26,10 +26,10 @@ from webapp.tasks.find import describe_library
 from webapp.tasks.landmarks import stored as stored_places
 from webapp.tasks.landmarks.adjust import adjust_submodels
 from webapp.tasks.landmarks.colours import colour_cloud
+from webapp.tasks.landmarks.on_demand import reconstruct_part
 from webapp.tasks.landmarks.place_rest import suggest_rest
 from webapp.tasks.landmarks.reconstruct import reconstruct
 from webapp.tasks.landmarks.show_cloud import align_in_library
-from webapp.tasks.landmarks.surroundings import reconstruct_part
 from webapp.tasks.localize import build_map
 from webapp.tasks.localize.adopt_query import independent_photos
 from webapp.tasks.localize.open_pipeline import make_plan, open_pipeline
