@@ -27,11 +27,11 @@ STEPS = [
     Step("webapp.tasks.blur.find:DetectionCache.add"),
     Step("webapp.tasks.blur.find:DetectionCache.add", calls=1, is_after=True),
     Step("webapp.tasks.blur.find:blur_photo"),
-    Step("webapp.tasks.maps.show_photo:write_previews"),
+    Step("webapp.tasks.maps.pictures:write_previews"),
     Step("webapp.files.photos.photo:write_bytes", is_after=True),
-    Step("webapp.tasks.maps.show_photo:release_boxes", is_after=True),
+    Step("webapp.tasks.maps.pictures:release_boxes", is_after=True),
     Step("webapp.tasks.blur.find:blur_photo", is_after=True),
-    Step("webapp.tasks.maps.show_photo:write_previews", calls=1, is_after=True),
+    Step("webapp.tasks.maps.pictures:write_previews", calls=1, is_after=True),
     Step("webapp.store.operate.jobs:finish"),
 ]
 """In the order of the work, each of which begins where the last one was killed."""

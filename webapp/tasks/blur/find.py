@@ -32,7 +32,7 @@ from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.maps.blurred import boxes_of
 from webapp.store.schema import MapRecord
-from webapp.tasks.maps.show_photo import Changing, NewBlur, blur_photo
+from webapp.tasks.maps.pictures import Changing, NewBlur, blur_photo
 
 _WAIT_S = 20.0
 

@@ -24,7 +24,7 @@ from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps.library_map import as_map
-from webapp.tasks.maps.show_photo import boxes_in_exports
+from webapp.tasks.maps.pictures import boxes_in_exports
 
 _NOT_PLAIN = re.compile(r"[^A-Za-z0-9_-]+")
 

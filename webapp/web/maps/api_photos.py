@@ -32,7 +32,7 @@ from webapp.files.photos.sidecars import Sidecar, Sidecars, is_sidecar
 from webapp.files.photos.xmp import MAX_BYTES
 from webapp.store.maps import maps, uploads
 from webapp.store.schema import MapRecord, Photo, Upload
-from webapp.tasks.maps import add_photo, show_photo
+from webapp.tasks.maps import add_photo, pictures
 from webapp.tasks.maps.add_photo import AddedPhoto, IncomingPhoto
 from webapp.web import chunks
 from webapp.web.context import account, library, map_role, open_map, reading_map, settings
@@ -207,7 +207,7 @@ def preview(slug: str, id: int) -> Response:
 def original(slug: str, id: int) -> Response:
     """Get the original file of a photo."""
     record, photo = _find(slug, id)
-    file = show_photo.file_of(library(), record.slug, photo=photo)
+    file = pictures.file_of(library(), record.slug, photo=photo)
     return send_original(file, photo.name, audience="members")
 
 
@@ -232,7 +232,7 @@ def _find(slug: str, id: int) -> tuple[MapRecord, Photo]:
 
 def _preview(slug: str, id: int, kind: Kind) -> Response:
     record, photo = _find(slug, id)
-    file = show_photo.file_of(library(), record.slug, photo=photo)
+    file = pictures.file_of(library(), record.slug, photo=photo)
     return send_picture(file, kind=kind, audience="members", changes_url=True)
 
 
