@@ -43,7 +43,7 @@ from webapp.store.schema import Job, MapRecord
 from webapp.tasks.find.queue_refresh import queue_refresh
 from webapp.tasks.maps import delete_map, photo_files
 from webapp.tasks.maps.export import export_late_maps
-from webapp.tasks.operate import maintain_objects, sweep_uploads
+from webapp.tasks.operate import maintain_objects
 from webapp.tasks.satellite import files
 from webapp.telemetry import span
 from webapp.threads import ContextThreads
@@ -360,7 +360,7 @@ def delete_leftovers(library: Library, settings: Settings, *, more: Sequence[Swe
     with library.database.read() as session:
         ids = session.scalars(select(MapRecord.id)).all()
     sweeps: list[Callable[[], object]] = [partial(sweep, library, settings) for sweep in more]
-    sweeps.append(partial(sweep_uploads.sweep_uploads, library, settings=settings))
+    sweeps.append(partial(photo_files.sweep_uploads, library, settings=settings))
     sweeps += [partial(photo_files.sweep_orphans, library, map_id=id) for id in ids]
     keep = timedelta(hours=settings.upload.keep_hours)
     sweeps += [partial(files.sweep, library, map_id=id, keep=keep) for id in ids]

@@ -22,7 +22,7 @@ from webapp.files.maps.folder import read_map, write_map
 from webapp.progress import Progress
 from webapp.settings import Settings, UploadLimits
 from webapp.store.schema import Photo
-from webapp.tasks.operate.sweep_uploads import sweep_uploads
+from webapp.tasks.maps.photo_files import sweep_uploads
 from webapp.tasks.street.survey import FolderTarget, PixelBox, StreetRequest, survey_street
 
 
