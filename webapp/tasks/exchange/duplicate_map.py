@@ -21,7 +21,6 @@ from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.maps.blurred import boxes_of
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
-from webapp.tasks import staging
 from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.maps import adopt_map
 from webapp.tasks.maps.library_map import floors
@@ -63,7 +62,7 @@ def duplicate_map(
     with library.database.read() as session:
         original = _read(session, map_id)
     there = library.map_folder(original.record.slug)
-    place = staging.make(library)
+    place = adopt_map.make(library)
     try:
         wanted = _files(there, original.record, original.photos)
         _copy_files(there, place / "map", wanted=wanted, progress=progress or Progress())

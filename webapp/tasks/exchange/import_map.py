@@ -26,7 +26,6 @@ from webapp.store.database import Writes
 from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks import staging
 from webapp.tasks.exchange.export_files import UNPLACED
 from webapp.tasks.maps import adopt_map, check_map
 from webapp.tasks.maps.adopt_map import FolderContents
@@ -227,7 +226,7 @@ class _Found:
 @contextmanager
 def _unpacked(library: Library, archive: Path, *, settings: Settings, progress: Progress) -> Iterator[_Found]:
     """Unpack, check and read a zip in a temporary folder."""
-    place = staging.make(library)
+    place = adopt_map.make(library)
     try:
         progress.note("unpacking")
         folder = place / "map"
@@ -321,7 +320,7 @@ def archive_path(library: Library, token: str) -> Path:
     Args:
         token: Hexadecimal digits.
     """
-    return staging.parent(library) / f"{int(token, 16):032x}.zip"
+    return adopt_map.parent(library) / f"{int(token, 16):032x}.zip"
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import re
+import secrets
+import shutil
+import time
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -361,3 +364,26 @@ def add_removed(session: Session, record: MapRecord, rows: Iterable[Photo]) -> N
         record.next_id = max(record.next_id, row.id + 1)
         session.add(row)
     session.flush()
+
+
+_STALE_S = 7 * 86_400
+"""Age from which on staging folders are deleted as abandoned."""
+
+
+def make(library: Library) -> Path:
+    """Make an empty staging folder; old ones left by killed processes are deleted."""
+    there = parent(library)
+    for old in there.iterdir():
+        with suppress(FileNotFoundError):  # another import has just finished
+            if time.time() - old.stat().st_mtime > _STALE_S:
+                shutil.rmtree(old, ignore_errors=True) if old.is_dir() else old.unlink(missing_ok=True)
+    folder = there / secrets.token_hex(8)
+    folder.mkdir()
+    return folder
+
+
+def parent(library: Library) -> Path:
+    """Return the parent of the staging folders, on the file system of the maps; created if missing."""
+    folder = library.inner / "imports"
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
