@@ -23,7 +23,6 @@ from webapp.store.library import Library
 from webapp.tasks.landmarks.accept import library_of, owner_of
 from webapp.tasks.maps import export
 from webapp.tasks.satellite import floors as edit_floors
-from webapp.tasks.satellite import folder_floors
 from webapp.tasks.satellite.floors import NewFloor
 
 _LEVEL = click.FloatRange(-LARGEST_LEVEL, LARGEST_LEVEL)
@@ -67,9 +66,9 @@ def floors(
         gone = None if remove is None else _named(read_map(cfg), remove)
         if there is None:
             if gone is not None:
-                folder_floors.remove_in_folder(cfg, gone, to_tray=tray)
+                edit_floors.remove_in_folder(cfg, gone, to_tray=tray)
             if new is not None:
-                folder_floors.add_in_folder(cfg, new=new, settings=settings)
+                edit_floors.add_in_folder(cfg, new=new, settings=settings)
         else:
             library, map_id = there
             if gone is not None:
