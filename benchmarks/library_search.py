@@ -73,7 +73,7 @@ def main() -> None:
         shares = "   ".join(f"{np.mean(r < 1):14.3f} / {np.mean(r < 3):.3f}" for r in (ranks, others))
         print(f"{name:18s} {len(maps[name]):6d}  {shares}", flush=True)
     library = _library(basis, maps, photos=arguments.photos, count=arguments.maps)
-    asked = [global_descriptors.vector(basis, q) for some in queries.values() for q in some][:REPEATS]
+    asked = [global_descriptors.photo_vector(basis, q) for some in queries.values() for q in some][:REPEATS]
     _time(library, asked)
     if arguments.postgresql:
         _time_postgresql(library, asked, basis=basis)
@@ -95,11 +95,11 @@ def _basis(maps: dict[str, list[Descriptors]], *, leave_out: str | None) -> glob
     photos = [p for name, some in maps.items() if name != leave_out for p in some]
     count = min(SAMPLE_PHOTOS, len(photos))
     chosen = np.random.default_rng(1).choice(len(photos), count, replace=False)
-    return global_descriptors.train([photos[i] for i in chosen])
+    return global_descriptors.train_basis([photos[i] for i in chosen])
 
 
 def _matrix(basis: global_descriptors.Basis, photos: list[Descriptors]) -> NDArray[np.float16]:
-    return np.array([global_descriptors.vector(basis, p) for p in photos], np.float16)
+    return np.array([global_descriptors.photo_vector(basis, p) for p in photos], np.float16)
 
 
 def _ranks(
@@ -113,7 +113,7 @@ def _ranks(
     vectors = {other: _matrix(basis, photos) for other, photos in maps.items()}
     ranks = []
     for query in queries:
-        asked = global_descriptors.vector(basis, query)
+        asked = global_descriptors.photo_vector(basis, query)
         likeness = {other: find_map.likeness(some, asked) for other, some in vectors.items()}
         ranks.append(sum(value > likeness[name] for value in likeness.values()))
     return np.array(ranks)

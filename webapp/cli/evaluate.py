@@ -171,5 +171,5 @@ def _report(evaluation: Evaluation, output: Path | None, *, several: bool, limit
     if output is None:
         return
     folder = output / evaluation.scheme if several else output
-    report.write(evaluation, folder, limits=limits)
+    report.write_evaluation(evaluation, folder, limits=limits)
     click.echo(f"report: {folder / 'report.html'}", err=True)

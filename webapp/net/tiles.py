@@ -268,7 +268,7 @@ def tile_services(file: Path | None) -> tuple[TileService, ...]:
     return services
 
 
-def named(services: tuple[TileService, ...], name: str) -> TileService:
+def named_service(services: tuple[TileService, ...], name: str) -> TileService:
     """Find a service by its name. Raises NotFound."""
     found = next((service for service in services if service.name == name), None)
     if found is None:

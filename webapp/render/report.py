@@ -166,7 +166,9 @@ WORST = 8
 JPEG_QUALITY = 80
 
 
-def write(evaluation: Evaluation, folder: Path, *, limits: PhotoLimits, worst: int = WORST) -> None:
+def write_evaluation(
+    evaluation: Evaluation, folder: Path, *, limits: PhotoLimits, worst: int = WORST
+) -> None:
     """Write `report.html`, `results.csv`, `results.json`, `estimate.tum` and `truth.tum`.
 
     Args:

@@ -81,7 +81,7 @@ class Basis:
     axes: NDArray[np.float32]
 
 
-def train(photos: Sequence[NDArray[np.uint8]]) -> Basis:
+def train_basis(photos: Sequence[NDArray[np.uint8]]) -> Basis:
     """Train a basis.
 
     Args:
@@ -97,7 +97,7 @@ def train(photos: Sequence[NDArray[np.uint8]]) -> Basis:
     return Basis(codebook, axes)
 
 
-def vector(basis: Basis, descriptors: NDArray[np.uint8]) -> NDArray[np.float32]:
+def photo_vector(basis: Basis, descriptors: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Describe a photo with (n, d) descriptors by a (`DIMENSIONS`,) vector of length 1, or 0 without any."""
     if not len(descriptors):
         return np.zeros(DIMENSIONS, np.float32)

@@ -348,7 +348,7 @@ def global_descriptor(chosen: Path | None) -> GlobalDescriptor | None:
         MissingPart: onnxruntime is not installed.
         StorageError: A file cannot be read.
     """
-    model, form = model_paths(chosen)
+    model, form = global_model_paths(chosen)
     seen = _state_of(model)
     if seen is None:
         return None
@@ -366,7 +366,7 @@ def usable_global_descriptor(chosen: Path | None) -> GlobalDescriptor | None:
         return None
 
 
-def problem(chosen: Path | None) -> str:
+def global_model_problem(chosen: Path | None) -> str:
     """Try the model; return a sentence why it is unusable, or an empty string (also if it is missing)."""
     try:
         network = global_descriptor(chosen)
@@ -378,7 +378,7 @@ def problem(chosen: Path | None) -> str:
     return ""
 
 
-def model_paths(chosen: Path | None) -> tuple[Path, Path]:
+def global_model_paths(chosen: Path | None) -> tuple[Path, Path]:
     """Return the paths of the model and of the JSON about its input."""
     path = models_folder(chosen) / MODELS["global"][0].name
     return path, path.with_suffix(".json")

@@ -12,8 +12,7 @@ from pathlib import Path, PurePosixPath
 
 from webapp.errors import NotFound
 from webapp.files.part_file import move_in, show_file_as
-from webapp.files.photos import photo
-from webapp.files.photos.photo import PhotoFacts, read_facts
+from webapp.files.photos.photo import PhotoFacts, make_previews, previews_folder, read_facts, write_previews
 from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission, MissionObject, MissionPhoto
 from webapp.settings import Settings
@@ -57,7 +56,7 @@ def add_mission_photo(
     name = tidy_name(name)
     with show_file_as(name, source):
         facts = read_facts(source, limits=settings.photo)
-        previews = photo.make_previews(source, limits=settings.photo)
+        previews = make_previews(source, limits=settings.photo)
     with source.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     row = MissionPhoto(
@@ -85,7 +84,7 @@ def add_mission_photo(
         shown = session.get(MissionObject, (mission_id, kept.object_id)) if kept.object_id else None
         if shown is not None and shown.photo_sha is None:
             shown.photo_sha, shown.revision = sha256, mission.revision
-        photo.write_previews(photo.previews_folder(folder), sha256, previews=previews)
+        write_previews(previews_folder(folder), sha256, previews=previews)
     return kept
 
 
@@ -108,7 +107,7 @@ def file_of(library: Library, photo: MissionPhoto) -> PhotoFile:
         photo.name,
         photo.sha256,
         partial(original, library, photo),
-        photo.previews_folder(folder),
+        previews_folder(folder),
         photo.sha256,
     )
 

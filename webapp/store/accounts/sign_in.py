@@ -237,7 +237,7 @@ def is_use_due(session: Session, session_id: str) -> bool:
     return used_at is not None and used_at < now() - USE_NOTED_EVERY
 
 
-def note_use(session: Session, session_id: str) -> None:
+def note_device_use(session: Session, session_id: str) -> None:
     """Record that a browser is used."""
     known = select(SignedIn).where(SignedIn.id_hash == accounts.hashed(session_id))
     row = session.scalar(known)
@@ -245,7 +245,7 @@ def note_use(session: Session, session_id: str) -> None:
         row.used_at = now()
 
 
-def signed_in(session: Session, account: Account, *, days: int) -> list[SignedIn]:
+def signed_in_devices(session: Session, account: Account, *, days: int) -> list[SignedIn]:
     """List the browsers of an account that are signed in, the last used one first."""
     ended = select(EndedSession.id_hash).where(EndedSession.id_hash == SignedIn.id_hash).exists()
     found = select(SignedIn).where(
@@ -257,7 +257,7 @@ def signed_in(session: Session, account: Account, *, days: int) -> list[SignedIn
     return list(session.scalars(found.order_by(SignedIn.used_at.desc(), SignedIn.id.desc())))
 
 
-def end(session: Session, account: Account, *, id: int) -> None:
+def end_device(session: Session, account: Account, *, id: int) -> None:
     """Sign one browser of an account out. Raises NotFound."""
     row = session.get(SignedIn, id)
     if row is None or row.account_id != account.id:
@@ -266,6 +266,6 @@ def end(session: Session, account: Account, *, id: int) -> None:
     session.delete(row)
 
 
-def is_of(row: SignedIn, session_id: str) -> bool:
+def is_device_of(row: SignedIn, session_id: str) -> bool:
     """Return whether a browser has the session."""
     return row.id_hash == accounts.hashed(session_id)

@@ -415,7 +415,9 @@ class Day:
     maps: tuple[DayOfMap, ...]
 
 
-def days(session: Session, account: Account, *, before: str | None, most: int, photos: int) -> list[Day]:
+def days_with_photos(
+    session: Session, account: Account, *, before: str | None, most: int, photos: int
+) -> list[Day]:
     """List days with placed photos on maps that an account may see, the last day first.
 
     Args:

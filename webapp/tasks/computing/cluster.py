@@ -69,7 +69,7 @@ class DaskPool:
             terms = WorkerRequirements(dict(versions()), self._marker.absolute(), settings, carried())
             self._terms = pickle.dumps(terms)
             # A task, not scattered data, so that it is computed again if the workers that hold it are lost.
-            self._shared = self._client.submit(keep, pickle.dumps(shared), pure=False)
+            self._shared = self._client.submit(keep_shared, pickle.dumps(shared), pure=False)
             undone.pop_all()
 
     def _connect(self) -> Any:
@@ -116,7 +116,7 @@ class DaskPool:
     def submit(self, item: Any, *, of: int) -> Any:
         """Submit a part; with fewer parts than threads, each part may use more native threads."""
         return self._client.submit(
-            do,
+            do_part,
             pickle.dumps((self._function, item)),
             self._shared,
             terms=self._terms,
@@ -274,12 +274,12 @@ class SharedValue:
             return self._value
 
 
-def keep(data: bytes) -> SharedValue:
+def keep_shared(data: bytes) -> SharedValue:
     """Wrap the shared value, which stays in the memory of a worker."""
     return SharedValue(data)
 
 
-def do(part: bytes, shared: SharedValue, *, terms: bytes, native_threads: int) -> Any:
+def do_part(part: bytes, shared: SharedValue, *, terms: bytes, native_threads: int) -> Any:
     """Run a part.
 
     Args:

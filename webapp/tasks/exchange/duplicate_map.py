@@ -62,7 +62,7 @@ def duplicate_map(
     with library.database.read() as session:
         original = _read(session, map_id)
     there = library.map_folder(original.record.slug)
-    place = adopt_map.make(library)
+    place = adopt_map.make_staging(library)
     try:
         wanted = _files(there, original.record, original.photos)
         _copy_files(there, place / "map", wanted=wanted, progress=progress or Progress())

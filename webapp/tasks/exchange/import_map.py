@@ -226,7 +226,7 @@ class _Found:
 @contextmanager
 def _unpacked(library: Library, archive: Path, *, settings: Settings, progress: Progress) -> Iterator[_Found]:
     """Unpack, check and read a zip in a temporary folder."""
-    place = adopt_map.make(library)
+    place = adopt_map.make_staging(library)
     try:
         progress.note("unpacking")
         folder = place / "map"
@@ -238,13 +238,15 @@ def _unpacked(library: Library, archive: Path, *, settings: Settings, progress: 
         make_plan_upright(cfg, scratch=place, settings=settings)
         make_floors_upright(cfg, scratch=place, settings=settings)
         with show_relative_to(cfg.parent):
-            tray = set_aside(cfg, place / "tray")
+            tray = set_tray_aside(cfg, place / "tray")
             progress.note("checking")
             findings, decoded = _checked(cfg, settings=settings, progress=progress)
             add_placements(cfg)
             progress.note("reading photos")
             contents = adopt_map.read(cfg, limits=settings.photo, progress=progress, decoded=decoded)
-            contents, not_taken = take_back(contents, tray, cfg=cfg, limits=settings.photo, progress=progress)
+            contents, not_taken = take_tray_back(
+                contents, tray, cfg=cfg, limits=settings.photo, progress=progress
+            )
         yield _Found(cfg, contents, findings, (*unpacked.left_out, *not_taken))
     finally:
         shutil.rmtree(place, ignore_errors=True)
@@ -320,7 +322,7 @@ def archive_path(library: Library, token: str) -> Path:
     Args:
         token: Hexadecimal digits.
     """
-    return adopt_map.parent(library) / f"{int(token, 16):032x}.zip"
+    return adopt_map.staging_parent(library) / f"{int(token, 16):032x}.zip"
 
 
 @dataclass(frozen=True, slots=True)
@@ -331,7 +333,7 @@ class Tray:
     names: tuple[str, ...]  # Their paths in that folder, which are also those to use in the map's folder
 
 
-def set_aside(cfg: Path, folder: Path) -> Tray:
+def set_tray_aside(cfg: Path, folder: Path) -> Tray:
     """Move the photos in `unplaced/` that no `.cfg` of the map names. Raises StorageError.
 
     Args:
@@ -349,7 +351,7 @@ def set_aside(cfg: Path, folder: Path) -> Tray:
     return Tray(folder, names)
 
 
-def take_back(
+def take_tray_back(
     contents: FolderContents, tray: Tray, *, cfg: Path, limits: PhotoLimits, progress: Progress
 ) -> tuple[FolderContents, tuple[str, ...]]:
     """Move photos into the folder of their map and add their records to its contents.

@@ -155,7 +155,7 @@ def _describe(
                 known[content] = before[content]
                 continue
             descriptors = np.asarray(segment.entry(number).features.descriptors)
-            known[content] = global_descriptors.vector(basis.basis, descriptors).astype(np.float16)
+            known[content] = global_descriptors.photo_vector(basis.basis, descriptors).astype(np.float16)
             if time.monotonic() > saved + _SAVED_EVERY_S:
                 _keep(writes, record, basis=basis, vectors={**before, **known})
                 saved = time.monotonic()
@@ -193,7 +193,9 @@ def _train(
         for content, segment, number in _photos_of(library, record, settings=settings):
             if content in chosen and content not in sample:
                 sample[content] = np.array(segment.entry(number).features.descriptors)
-    basis = global_descriptors.train([sample[content] for content in sorted(sample)]) if sample else None
+    basis = (
+        global_descriptors.train_basis([sample[content] for content in sorted(sample)]) if sample else None
+    )
     return basis, photos
 
 

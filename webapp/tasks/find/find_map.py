@@ -84,7 +84,7 @@ class MapRanking:
             basis, maps = self._basis, {r.id: self._maps[r.id][1] for r in records if r.id in self._maps}
         if basis is None or len(records) < 2:
             return RankedMaps((), tuple(records))
-        query = global_descriptors.vector(basis.basis, self._descriptors(photo))
+        query = global_descriptors.photo_vector(basis.basis, self._descriptors(photo))
         score = self._in_database(query, records, basis_id=basis.id)
         score |= {id: likeness(vectors, query) for id, vectors in maps.items()}
         alike = sorted((r for r in records if r.id in score), key=lambda record: -score[record.id])

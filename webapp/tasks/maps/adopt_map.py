@@ -370,9 +370,9 @@ _STALE_S = 7 * 86_400
 """Age from which on staging folders are deleted as abandoned."""
 
 
-def make(library: Library) -> Path:
+def make_staging(library: Library) -> Path:
     """Make an empty staging folder; old ones left by killed processes are deleted."""
-    there = parent(library)
+    there = staging_parent(library)
     for old in there.iterdir():
         with suppress(FileNotFoundError):  # another import has just finished
             if time.time() - old.stat().st_mtime > _STALE_S:
@@ -382,7 +382,7 @@ def make(library: Library) -> Path:
     return folder
 
 
-def parent(library: Library) -> Path:
+def staging_parent(library: Library) -> Path:
     """Return the parent of the staging folders, on the file system of the maps; created if missing."""
     folder = library.inner / "imports"
     folder.mkdir(parents=True, exist_ok=True)

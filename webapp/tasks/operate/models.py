@@ -22,13 +22,13 @@ from webapp.core.features.table import EXTRACTORS, PAIR_MATCHERS, choose
 from webapp.core.features.types import Features
 from webapp.errors import InputError, MissingPart, NotFound, StorageError, UsageError
 from webapp.files import atomic
-from webapp.files.localize import models
 from webapp.files.localize.models import (
     MODELS,
     NETWORKS,
     checked_weights,
     find_weights,
     global_descriptor,
+    global_model_problem,
     install_hint,
     installed,
     matches_hash,
@@ -82,7 +82,7 @@ def states(settings: Settings, *, models: Models = MODELS) -> list[ModelState]:
     """Check which weights are installed, by their hashes, and whether a global descriptor can be used."""
     folder = models_folder(settings.models)
     found = [ModelState(name, f, _state(folder / f.name, f)) for name, files in models.items() for f in files]
-    problem = models.problem(settings.models)
+    problem = global_model_problem(settings.models)
     return [
         replace(s, state="unusable", problem=problem) if problem and s.model == "global" else s for s in found
     ]
@@ -221,7 +221,7 @@ def _try(model: str, data: bytes) -> None:
         path = Path(folder) / MODELS[model][0].name
         atomic.write_bytes(path, data)
         if model == "global":
-            found = models.problem(path.parent)
+            found = global_model_problem(path.parent)
             if found:
                 raise InputError(found, where=model)
         else:

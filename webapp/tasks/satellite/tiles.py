@@ -17,7 +17,7 @@ from webapp.errors import InputError, PhotoError, UsageError
 from webapp.files.decode import open_image
 from webapp.files.satellite.raster import keep_pixels
 from webapp.files.satellite.tile_archive import opened_tiles
-from webapp.net.tiles import TileFetcher, TileService, named, tile_services
+from webapp.net.tiles import TileFetcher, TileService, named_service, tile_services
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
 from webapp.store.clock import now
@@ -71,7 +71,7 @@ def plan(request: TileRequest, *, settings: Settings) -> tuple[TileService, Tile
         UsageError, GeoreferenceError: The area is empty, or too large for this zoom; or the service does not
             offer this zoom.
     """
-    service = named(tile_services(settings.tile_services), request.service)
+    service = named_service(tile_services(settings.tile_services), request.service)
     if request.zoom > service.max_zoom:
         raise UsageError(
             f"{service.name} has no zoom {request.zoom}",

@@ -144,11 +144,11 @@ def _load(user_id: str) -> User | None:
 def _note_use(session_id: str) -> None:
     try:
         with library().database.write() as db:
-            ways_in.note_use(db, session_id)
+            ways_in.note_device_use(db, session_id)
     except StorageError as error:  # reading still works while writing fails
         _log.info("the use of a session was not noted: %s", error)
 
 
 def is_this_browser(row: SignedIn) -> bool:
     """Return whether the request is from a browser that is signed in."""
-    return _ID in session and ways_in.is_of(row, session[_ID])
+    return _ID in session and ways_in.is_device_of(row, session[_ID])

@@ -17,7 +17,7 @@ from webapp.errors import NotFound, UsageError
 from webapp.files.part_file import receive, show_file_as
 from webapp.files.satellite.georeference_files import parse_corners
 from webapp.files.satellite.tile_archive import PICTURES, opened_tiles
-from webapp.net.tiles import named, tile_services
+from webapp.net.tiles import named_service, tile_services
 from webapp.store.operate import jobs
 from webapp.store.operate.job_views import TILES_JOB
 from webapp.tasks.maps.add_photo import tidy_name
@@ -133,7 +133,7 @@ def services() -> dict[str, Any]:
 @blueprint.doc(responses=file_answer("The tile.", "image/png", "image/jpeg", "image/webp"))
 def service_tile(*, name: str, z: int, x: int, y: int) -> Response:
     """Get a tile of a service that is a file of this server: a PNG, JPEG or WebP file."""
-    service = named(tile_services(settings().tile_services), name)
+    service = named_service(tile_services(settings().tile_services), name)
     if not service.public:
         account()
     missing = NotFound("tile not found", where=f"{z}/{x}/{y}")
