@@ -50,7 +50,6 @@ from webapp.web.maps import (
     api_photos,
     api_placing,
     api_plan,
-    api_print,
     api_street,
     view,
 )
@@ -109,7 +108,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_floors.blueprint,
     api_notes.blueprint,
     api_plan.blueprint,
-    api_print.blueprint,
+    api_exchange.print_api,
     api_street.blueprint,
     manual.blueprint,
     maps_pages.blueprint,
