@@ -25,9 +25,11 @@ from webapp.tasks.satellite import display, new_image
 from webapp.tasks.satellite import tiles as satellite_tiles
 from webapp.tasks.satellite.apply import ImageChoice
 from webapp.tasks.satellite.display import DisplayFile
+from webapp.tasks.satellite.geocode import geocode
 from webapp.tasks.satellite.georeference import GeoreferenceRequest
 from webapp.tasks.satellite.new_image import PlanSize
 from webapp.tasks.satellite.tiles import TileRequest
+from webapp.web import language
 from webapp.web.body_limits import limit_image
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, map_role, open_map, public, settings
@@ -278,3 +280,47 @@ def _sent(shown: DisplayFile) -> Response:
     if request.args.get("v") == shown.key:
         response.headers["Cache-Control"] = f"private, max-age={int(_KEPT.total_seconds())}, immutable"
     return response
+
+
+places_api = APIBlueprint("api_places", __name__, url_prefix="/api/v1", tag="Satellite image")
+
+
+class PlaceQuery(Schema):
+    """The name of a place."""
+
+    q = String(required=True, validate=Length(min=1, max=200), metadata={"example": "Lund, Sweden"})
+
+
+class PlaceOut(Schema):
+    """A place, and its extent in degrees."""
+
+    name = String()
+    lat = Float()
+    lon = Float()
+    north = Float()
+    south = Float()
+    west = Float()
+    east = Float()
+
+
+class PlacesOut(Schema):
+    """Places, the best match first."""
+
+    places = List(Nested(PlaceOut))
+    attribution = String(metadata={"description": "to be shown with them"})
+
+
+@places_api.get("/places")
+@places_api.input(PlaceQuery, location="query", arg_name="query")
+@places_api.output(PlacesOut)
+def search(query: dict[str, str]) -> dict[str, Any]:
+    """Search places by name; 404 if the setting `geocoder.address` is not given."""
+    account()
+    chosen = settings().geocoder
+    found = geocode(
+        query["q"], language=language.current(), cache=library().inner / "places", settings=chosen
+    )
+    return {
+        "places": [{"name": p.name, **p.position._asdict(), **p.box._asdict()} for p in found],
+        "attribution": chosen.attribution,
+    }
