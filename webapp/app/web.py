@@ -55,7 +55,7 @@ from webapp.web.maps import (
 )
 from webapp.web.maps import pages as maps_pages
 from webapp.web.operate import doctor, jobs, metrics, models
-from webapp.web.satellite import api_georeference, api_satellite
+from webapp.web.satellite import api_satellite
 from webapp.web.satellite import pages as satellite_pages
 from webapp.web.sharing import api_shared, api_shared_cloud, api_shares
 from webapp.web.sharing import pages as sharing_pages
@@ -120,7 +120,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     doctor.pages,
     models.pages,
     models.api,
-    api_georeference.blueprint,
+    api_satellite.georeference_api,
     api_satellite.places_api,
     api_satellite.blueprint,
     satellite_pages.blueprint,
