@@ -38,7 +38,7 @@ from webapp.web.accounts import api_accounts
 from webapp.web.accounts import pages as accounts_pages
 from webapp.web.landmarks import api_cloud, api_place_rest, api_points
 from webapp.web.landmarks import pages as landmarks_pages
-from webapp.web.localize import api_find, api_localize, api_queries
+from webapp.web.localize import api_localize, api_queries
 from webapp.web.localize import pages as localize_pages
 from webapp.web.maps import (
     api_blur,
@@ -89,7 +89,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     accounts_pages.sign_in_pages,
     api_exchange.blueprint,
     installable.blueprint,
-    api_find.blueprint,
+    api_localize.find_api,
     api_localize.blueprint,
     api_queries.blueprint,
     localize_pages.blueprint,
