@@ -22,7 +22,7 @@ from webapp.web.context import account, library, map_role, open_map, settings
 from webapp.web.fields import BoundedList, RecordNumber
 from webapp.web.maps import state as map_state
 from webapp.web.maps.schemas import EditAnswer, JobSchema
-from webapp.web.operate.job_json import job_json
+from webapp.web.operate.jobs import job_json
 
 checks_api = APIBlueprint("api_checks", __name__, url_prefix="/api/v1/maps/<slug>", tag="Checks")
 evaluation_api = APIBlueprint("api_evaluation", __name__, url_prefix="/api/v1/maps/<slug>", tag="Checks")

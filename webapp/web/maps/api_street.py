@@ -27,7 +27,7 @@ from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, map_role, open_map, settings
 from webapp.web.fields import BoundedList
 from webapp.web.maps.schemas import JobSchema
-from webapp.web.operate.job_json import job_json
+from webapp.web.operate.jobs import job_json
 
 blueprint = APIBlueprint("api_street", __name__, url_prefix="/api/v1/maps/<slug>/street-photos", tag="Photos")
 

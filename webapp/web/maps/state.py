@@ -26,7 +26,7 @@ from webapp.tasks.maps.library_map import floors, georeference
 from webapp.tasks.satellite import display
 from webapp.tasks.satellite.files import source_of
 from webapp.web import context
-from webapp.web.operate.job_json import job_json
+from webapp.web.operate.jobs import job_json
 from webapp.web.state import library
 
 FIRST_PHOTOS = 500
