@@ -18,12 +18,13 @@ from typing import Any, cast
 from apiflask import Schema, fields
 from apiflask.schema_adapters.marshmallow import parser
 from apiflask.validators import Length, OneOf
-from flask import Flask, Request
+from flask import Flask, Request, request
 from werkzeug.exceptions import RequestEntityTooLarge
 
 from webapp.errors import MapJsonError, UsageError
 from webapp.files.json_fields import parse_json
 from webapp.web.fields import BoundedDict, BoundedList, JsonValue
+from webapp.web.state import settings
 
 _MOST_BYTES, _MOST_VALUES = 16_000_000, 1_000_000
 """Limits of every route, however much its schema allows."""
@@ -150,3 +151,20 @@ def longest(validators: Sequence[Any]) -> int:
         if isinstance(validator, Length) and (most := validator.equal or validator.max) is not None:
             return most
     raise TypeError("a text has no maximum length")
+
+
+_OTHER_BYTES = 100_000
+"""Allowance for the other fields of a form."""
+_GEOREFERENCE_BYTES = 1_000_000
+"""Allowance for the fields of a form other than an image: its georeference."""
+
+
+def limit_photo(photos: int = 1) -> None:
+    """Limit the request to a form with this many photos."""
+    request.max_content_length = int(settings().photo.max_mb * 1e6 * photos) + _OTHER_BYTES
+
+
+def limit_image() -> None:
+    """Limit the request to a form with a satellite image or a plan."""
+    if request.method in ("POST", "PUT"):
+        request.max_content_length = int(settings().satellite.max_mb * 1e6) + _GEOREFERENCE_BYTES

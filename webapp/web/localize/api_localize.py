@@ -38,9 +38,9 @@ from webapp.tasks.maps import examples
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.maps.library_map import georeference
 from webapp.tasks.maps.pictures import give_original
-from webapp.web.body_limits import limit_photo
 from webapp.web.context import account, authorized_by, library, map_role, open_map, settings
 from webapp.web.fields import Boolean, BoundedList, RecordNumber
+from webapp.web.json_bodies import limit_photo
 from webapp.web.language import translate
 from webapp.web.localize.answers import AnswerOut, Located, answer_or_events, answers_limit
 from webapp.web.openapi import file_answer

@@ -39,10 +39,10 @@ from webapp.tasks.satellite.georeference import GeoreferenceRequest
 from webapp.tasks.satellite.new_image import PlanSize
 from webapp.tasks.satellite.tiles import TileRequest
 from webapp.web import language
-from webapp.web.body_limits import limit_image
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, map_role, open_map, public, settings
 from webapp.web.fields import Boolean, BoundedList, JsonValue, RecordNumber
+from webapp.web.json_bodies import limit_image
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer
 from webapp.web.openapi import file_answer

@@ -23,10 +23,10 @@ from webapp.tasks.localize.upload import LocalizeRequest, Send
 from webapp.tasks.maps import pictures
 from webapp.tasks.satellite import display
 from webapp.tasks.satellite.floors import found_floor
-from webapp.web.body_limits import limit_photo
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import authorized_by, library, public, settings
 from webapp.web.counting import storage_address
+from webapp.web.json_bodies import limit_photo
 from webapp.web.localize.answers import Located, answer_or_events
 from webapp.web.localize.api_localize import map_cache, received
 from webapp.web.maps.schemas import FloorOut, NoteOut, PageQuery
