@@ -26,8 +26,13 @@ from webapp.files.exchange.tum import yaw_of
 from webapp.missions.core.trajectory.planned import is_planned
 from webapp.missions.core.trajectory.records import make_poses
 from webapp.missions.core.trajectory.robotframe import LocalPoses
-from webapp.missions.files.readers.bag_limits import limited_reader1, limited_reader2
-from webapp.missions.files.readers.bag_stamps import Stamp, TopicClock, clock_of
+from webapp.missions.files.readers.bag_limits import (
+    Stamp,
+    TopicClock,
+    clock_of,
+    limited_reader1,
+    limited_reader2,
+)
 from webapp.missions.files.track_chunks import (
     CHUNK,
     Findings,
