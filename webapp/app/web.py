@@ -22,7 +22,6 @@ from webapp.missions.web import (
     api_missions,
     api_objects,
     api_phones,
-    api_robots,
     api_staged,
     api_tracks,
 )
@@ -70,7 +69,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_imports.blueprint,
     api_missions.blueprint,
     api_objects.blueprint,
-    api_robots.blueprint,
+    api_batches.robots_api,
     api_staged.blueprint,
     mission_photos.blueprint,
     mission_shared.blueprint,
