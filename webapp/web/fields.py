@@ -1,4 +1,4 @@
-"""Schema fields that are stricter than marshmallow's."""
+"""Schema fields that are stricter than marshmallow's, and the pagination of lists."""
 
 from __future__ import annotations
 

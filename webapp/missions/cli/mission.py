@@ -1,4 +1,4 @@
-"""`expmap mission`: manages the missions of the library."""
+"""`expmap mission`: manages the missions of the library, and removes poses of old ones."""
 
 from __future__ import annotations
 

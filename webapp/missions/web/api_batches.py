@@ -1,4 +1,4 @@
-"""API for robots: batches of poses and objects, each record of which is stored exactly once."""
+"""API for robots: batches, each record of which is stored exactly once, and their status."""
 
 from __future__ import annotations
 

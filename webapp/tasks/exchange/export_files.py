@@ -1,4 +1,4 @@
-"""Downloads of a map: `.cfg`, GeoJSON, KML, KMZ, and the whole map as a zip that can be imported again."""
+"""Downloads of a map (`.cfg`, GeoJSON, KML, KMZ, or all as a zip), and of its answers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Imports a zip of a `.cfg` and its folder as a map of the library."""
+"""Imports a zip of a `.cfg` and its folder, also with unplaced photos, as a map of the library."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Method `landmarks` on a map without landmarks: `verified` finds the place, landmarks around it the pose."""
+"""Method `landmarks` on a map without landmarks: those around a place are made when needed."""
 
 from __future__ import annotations
 

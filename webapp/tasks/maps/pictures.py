@@ -1,4 +1,4 @@
-"""Gives the pictures and the original file of a photo to somebody; access is checked by the caller.
+"""Gives the pictures and the file of a photo to somebody; access is checked by the caller.
 
 Boxes follow the content: whatever is blurred in a photo of a map is blurred in the same file on other maps
 and missions, in the answer from which it was adopted, and among the examples.

@@ -1,4 +1,4 @@
-"""Lists the installed weights of networks, fetches missing ones, and accepts uploaded ones."""
+"""Lists the weights of networks, fetches, accepts and tries them, and queues second indexes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Floors of a map of the library: added, changed and removed, each as one edit."""
+"""Floors of a map: added, changed, aligned and removed, each as one edit of the library."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Counts the photos that a street-level service has of an area, before anything is downloaded."""
+"""Counts the street-level photos of an area before any is downloaded, for a map (its target)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""API of localization."""
+"""API of localization, on one map or on all maps of the caller."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""API of exporting, importing and copying maps."""
+"""API of exporting, printing, importing and copying maps."""
 
 from __future__ import annotations
 

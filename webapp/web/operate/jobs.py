@@ -1,4 +1,4 @@
-"""Operation of a server: the API and page of jobs, and health checks."""
+"""Operation of a server: the API and page of jobs, their JSON, and health checks."""
 
 from __future__ import annotations
 

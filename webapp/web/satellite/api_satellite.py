@@ -1,4 +1,4 @@
-"""API of the satellite image of a map: set it from an upload, as a blank plan or from tiles, and get it."""
+"""API of the satellite image of a map and its georeference, and of places by their names."""
 
 from __future__ import annotations
 

@@ -1,12 +1,11 @@
-"""Limits within bags, in addition to those of the process that reads them.
+"""Limits within bags, in addition to those of the process that reads them, and the times of their messages.
 
 rosbags decompresses chunks of any size, generates code in proportion to the lengths of arrays in message
 definitions, and reads any SQLite database.
 
-The times of messages in bags: those of their headers, unless these cannot be right.
-
-A header may have no stamp, the time since a start, or one in a wrong unit, while the recorder had the right
-time. The stamps of a bag that was recorded while another one was played are long before the recording.
+Times are those of the messages' headers, unless these cannot be right: a header may have no stamp, the time
+since a start, or one in a wrong unit, while the recorder had the right time. The stamps of a bag that was
+recorded while another one was played are long before the recording.
 """
 
 from __future__ import annotations
