@@ -48,7 +48,6 @@ from webapp.web.maps import (
     api_notes,
     api_photos,
     api_placing,
-    api_plan,
     api_street,
     view,
 )
@@ -106,7 +105,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_placing.placements_api,
     api_floors.blueprint,
     api_notes.blueprint,
-    api_plan.blueprint,
+    api_checks.plan_api,
     api_exchange.print_api,
     api_street.blueprint,
     manual.blueprint,
