@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from webapp.core.geo.corners import Corners, from_corners
+from webapp.core.geo.fit import Corners, from_corners
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import EnuMetres, LatLon, MapPixel
 from webapp.core.mapmodel.model import Experience, Map, SatelliteImage

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.geo.crs import WGS84
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel
+from webapp.core.texts import significant
 from webapp.errors import GeoreferenceError
 
 _RANK_REFUSE = 1e-7
@@ -100,3 +102,96 @@ def _normaliser(points: Array) -> Array:
     centre = points.mean(axis=0)
     scale = np.sqrt(2.0) / np.hypot(*(points - centre).T).mean()
     return np.array([[scale, 0.0, -scale * centre[0]], [0.0, scale, -scale * centre[1]], [0.0, 0.0, 1.0]])
+
+
+_WGS84_ACROSS_180 = "+proj=longlat +datum=WGS84 +lon_wrap=180 +no_defs"
+"""Longitudes from 0 to 360, for an image across the 180th meridian."""
+
+_SQUARE = 1.25
+"""Largest ratio of the sides of a pixel without a warning."""
+
+
+@dataclass(frozen=True, slots=True)
+class Corners:
+    """Positions of the outer corners of an image: two if north is up, or all four."""
+
+    top_left: LatLon
+    bottom_right: LatLon
+    top_right: LatLon | None = None
+    bottom_left: LatLon | None = None
+
+
+def from_corners(corners: Corners, *, width: int, height: int) -> GeoreferenceFit:
+    """Georeference an image by two corners (x linear in longitude, y in latitude) or four (projective).
+
+    Four corners that form a rectangle in latitude and longitude are equivalent to two.
+
+    Args:
+        corners: With both or none of `top_right` and `bottom_left`.
+        width, height: Of the image, pixels.
+
+    Returns:
+        Without residuals, as it fits the corners exactly. With a warning if the pixels are far from square.
+
+    Raises:
+        GeoreferenceError: Three corners are given, or positions are invalid, coincident, on one line,
+            mirrored or folded.
+    """
+    given = [corners.top_left, corners.top_right, corners.bottom_right, corners.bottom_left]
+    known = [c for c in given if c is not None]
+    if len(known) == 3:
+        raise GeoreferenceError("three corners are given", hint="give top_left and bottom_right, or all four")
+    check_positions(known)
+    across = max(c.lon for c in known) - min(c.lon for c in known) > 180.0 and _crosses(corners)
+    places = np.array([(c.lon % 360.0 if across else c.lon, c.lat) for c in known])
+    plane = _WGS84_ACROSS_180 if across else WGS84
+    if len(known) == 4:
+        pixels = np.array([(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)])
+        _check_distinct(known)
+        matrix = tuple(float(v) for v in solve_homography(pixels, places).ravel())
+    else:
+        matrix = _north_up(places[0], places[1], width=width, height=height)
+    georeference = Georeference(plane, matrix, "corners")
+    check_on_image(georeference, width=width, height=height)
+    return GeoreferenceFit(georeference, warnings=_shape_warnings(georeference, width=width, height=height))
+
+
+def _crosses(corners: Corners) -> bool:
+    """Return whether an image crosses the 180th meridian, as opposed to one of the whole world."""
+    right = [c for c in (corners.bottom_right, corners.top_right) if c is not None]
+    left = [c for c in (corners.top_left, corners.bottom_left) if c is not None]
+    return min(c.lon for c in left) > max(c.lon for c in right)
+
+
+def _north_up(
+    top_left: np.ndarray, bottom_right: np.ndarray, *, width: int, height: int
+) -> tuple[float, ...]:
+    west, north = (float(v) for v in top_left)
+    east, south = (float(v) for v in bottom_right)
+    if east == west or south == north:
+        raise GeoreferenceError(
+            "the two corners have the same latitude or longitude", hint="give opposite corners of the image"
+        )
+    if east < west or south > north:
+        both = east < west and south > north
+        hint = "the corners are swapped" if both else "top_left must be the north-west corner, north up"
+        raise GeoreferenceError("bottom_right is not south-east of top_left", hint=hint)
+    return ((east - west) / width, 0.0, west, 0.0, (south - north) / height, north, 0.0, 0.0, 1.0)
+
+
+def _check_distinct(known: list[LatLon]) -> None:
+    if len(set(known)) < len(known):
+        raise GeoreferenceError(
+            "two corners have the same position", hint="give the four corners of the image"
+        )
+
+
+def _shape_warnings(georeference: Georeference, *, width: int, height: int) -> tuple[str, ...]:
+    jacobian = georeference.jacobian(MapPixel(width / 2, height / 2))
+    across, down = (float(v) for v in np.hypot(jacobian[0], jacobian[1]))
+    if max(across, down) < _SQUARE * min(across, down):
+        return ()
+    return (
+        f"a pixel would be {significant(across)} m wide and {significant(down)} m high; "
+        "are latitude and longitude swapped, or are these the corners of another image?",
+    )
