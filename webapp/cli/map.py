@@ -15,7 +15,7 @@ from webapp.cli.composition import settings_in_use
 from webapp.cli.exitcodes import BAD_MAP, DONE, SOME_FAILED
 from webapp.cli.options import MAP_FILE, chosen_settings, index_options, map_options, open_options
 from webapp.cli.progressbar import terminal_progress
-from webapp.core.geo.controlpoints import Model
+from webapp.core.geo.fit import Model
 from webapp.core.hypotheses.places import KIND_WORDS
 from webapp.core.mapmodel.findings import Finding
 from webapp.core.texts import significant

@@ -17,9 +17,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from webapp.core.geo.controlpoints import ControlPoint, from_control_points
 from webapp.core.geo.crs import WGS84, crs_name, latlon_from_plane
-from webapp.core.geo.fit import Corners, GeoreferenceFit, check_on_image, check_positions
+from webapp.core.geo.fit import (
+    ControlPoint,
+    Corners,
+    GeoreferenceFit,
+    check_on_image,
+    check_positions,
+    from_control_points,
+)
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import GeoreferenceError, MapJsonError, TableError, TrackError

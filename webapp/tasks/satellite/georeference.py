@@ -10,8 +10,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from webapp.core.geo.controlpoints import ControlPoint, Model, from_control_points
-from webapp.core.geo.fit import Corners, GeoreferenceFit, from_corners
+from webapp.core.geo.fit import (
+    ControlPoint,
+    Corners,
+    GeoreferenceFit,
+    Model,
+    from_control_points,
+    from_corners,
+)
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.errors import GeoreferenceError, UsageError

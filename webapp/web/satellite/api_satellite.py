@@ -14,8 +14,7 @@ from apiflask.validators import Length, OneOf, Range
 from flask import Response, request, send_file
 from werkzeug.datastructures import FileStorage
 
-from webapp.core.geo.controlpoints import NEEDED, ControlPoint
-from webapp.core.geo.fit import GeoreferenceFit
+from webapp.core.geo.fit import NEEDED, ControlPoint, GeoreferenceFit
 from webapp.core.geo.tilegrid import MAX_ZOOM, GeoBox
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import NotFound, UsageError
