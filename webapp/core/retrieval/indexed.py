@@ -17,9 +17,8 @@ from webapp.core.geometry.extrinsics import MIN_TRUST, MapExtrinsics
 from webapp.core.geometry.relative_pose import Camera
 from webapp.core.hypotheses.places import MapKind
 from webapp.core.hypotheses.priors import PathPrior, fit_path_prior
-from webapp.core.retrieval.engines.segment import Segment
 from webapp.core.retrieval.engines.twostage import TwoStage
-from webapp.core.retrieval.engines.types import DescriptorSearch
+from webapp.core.retrieval.engines.types import DescriptorSearch, Segment
 from webapp.core.retrieval.global_descriptors import GlobalDescriptors
 from webapp.core.tuning import DEFAULT, Tuning
 

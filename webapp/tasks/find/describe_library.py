@@ -18,7 +18,7 @@ from sqlalchemy.orm import Session
 
 from webapp.core.features.table import FeatureChoice, choose
 from webapp.core.retrieval import global_descriptors
-from webapp.core.retrieval.engines.segment import Segment
+from webapp.core.retrieval.engines.types import Segment
 from webapp.core.retrieval.global_descriptors import Basis
 from webapp.errors import IndexDamaged
 from webapp.files.localize.features import read_segment

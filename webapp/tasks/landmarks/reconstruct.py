@@ -20,7 +20,7 @@ from webapp.core.landmarks.matching import Views, choose_pairs, match_mutually
 from webapp.core.landmarks.submodels import LEAST_PHOTOS, Submodel, of_photos
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.views import content_of, level_views
-from webapp.core.retrieval.engines.segment import PhotoEntry
+from webapp.core.retrieval.engines.types import PhotoEntry
 from webapp.core.retrieval.fields_of_view import guessed_fov_deg
 from webapp.errors import IndexDamaged, MapError
 from webapp.files.atomic import remove_unfinished

@@ -19,9 +19,8 @@ from webapp.core.mapmodel.views import level_views, picture_name
 from webapp.core.retrieval.engines.bruteforce import BruteForce
 from webapp.core.retrieval.engines.flann import Flann
 from webapp.core.retrieval.engines.ivf import InvertedFile
-from webapp.core.retrieval.engines.segment import Segment
 from webapp.core.retrieval.engines.twostage import TwoStage
-from webapp.core.retrieval.engines.types import DescriptorSearch, tier_for
+from webapp.core.retrieval.engines.types import DescriptorSearch, Segment, tier_for
 from webapp.core.retrieval.fields_of_view import fields_of_view
 from webapp.core.retrieval.indexed import IndexedMap
 from webapp.core.tuning import DEFAULT, RetrievalTuning
