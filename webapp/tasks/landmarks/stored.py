@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,11 @@ from filelock import FileLock, Timeout
 from webapp.core.geo.types import MapPixel
 from webapp.errors import NotFound, StorageError
 from webapp.files.atomic import make_folder, write_text
+from webapp.files.landmarks.colmap import SUBMODELS_FILE, export_model, read_submodels
 from webapp.files.listing import DERIVED
+from webapp.tasks.landmarks.mapping import adjusted_folders, model_folders
 from webapp.tasks.landmarks.place_rest import CorrectedPlace, RestReport, SuggestedPlace
+from webapp.tasks.landmarks.reconstruct import Reconstruction
 
 _FILE = "place-rest.json"
 _VERSION = 2
@@ -209,3 +213,43 @@ def _chosen(records: Iterable[dict[str, Any]], ids: Iterable[int], *, missing: s
 
 def _path(cfg: Path) -> Path:
     return cfg.parent / DERIVED / _FILE
+
+
+@dataclass(frozen=True, slots=True)
+class ExportedModel:
+    """A model, and the folder that it was written to."""
+
+    folder: Path
+    photos: int
+    points: int
+
+
+def names_of_photos(found: Reconstruction) -> dict[str, str]:
+    """Return the paths of the photos by the SHA-256 of their files; a view has its turn as suffix."""
+    names = {content: found.photos[number].photo for content, number in found.number_of.items()}
+    return names | {content: f"{names[content]}#{turn:03}" for content, turn in found.turn_of.items()}
+
+
+def export_models(
+    folder: Path, out: Path, *, names: Mapping[str, str], binary: bool = False, only_named: bool = False
+) -> list[ExportedModel]:
+    """Write each model of a reconstruction into its own folder, first the one that is joined on the map.
+
+    Args:
+        folder: Folder of the reconstruction.
+        names: Names of the photos, by the SHA-256 of their files.
+        binary: Whether to write COLMAP's binary format, else text.
+        only_named: Whether to leave out photos without a name, with the points that only they see.
+
+    Raises:
+        IndexDamaged: A model cannot be read, or was replaced meanwhile.
+        StorageError
+    """
+    submodels = read_submodels(folder / SUBMODELS_FILE)
+    sources = [*(adjusted_folders(folder, submodels) if submodels else []), *model_folders(folder)]
+    exported = []
+    for number, source in enumerate(sources):
+        target = out / str(number)
+        counts = export_model(source, target, names=names, binary=binary, only_named=only_named)
+        exported.append(ExportedModel(target, *counts))
+    return exported

@@ -21,7 +21,6 @@ from webapp.files.landmarks.cloud import MapPoints, as_ply
 from webapp.files.maps.facts import parse_panorama
 from webapp.store.maps.blurred import boxes_of
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks.landmarks.export_models import export_models
 from webapp.tasks.landmarks.mapping import model_folders
 from webapp.tasks.landmarks.show_cloud import (
     BLOCK_POINTS,
@@ -31,6 +30,7 @@ from webapp.tasks.landmarks.show_cloud import (
     scaling,
     stored_points,
 )
+from webapp.tasks.landmarks.stored import export_models
 from webapp.tasks.localize.index_location import landmarks_folder
 from webapp.web.compression import accepts_gzip, gzipped
 from webapp.web.context import library
