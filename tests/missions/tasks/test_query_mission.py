@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from webapp.errors import UsageError
 from webapp.missions.store import query
 from webapp.missions.store.query import Question, parse_question
-from webapp.missions.tasks import query as query_mission
+from webapp.missions.tasks import export as query_mission
 
 
 @pytest.fixture

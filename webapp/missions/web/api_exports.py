@@ -17,7 +17,7 @@ from webapp.missions.render import export_file
 from webapp.missions.render.export_file import FORMATS
 from webapp.missions.store import shares
 from webapp.missions.store.query import MAX_ROWS, TABLES, Question
-from webapp.missions.tasks import query as query_mission
+from webapp.missions.tasks import export as query_mission
 from webapp.missions.tasks.export import LIVE_POSES, export_network_link
 from webapp.missions.web.context import mission_role, open_mission
 from webapp.tasks.exchange.export_source import Download
