@@ -134,7 +134,7 @@ def test_a_photo_is_refused_as_a_whole_where_its_previews_cannot_be_kept(desk, m
     def full(*_args, **_more):
         raise DiskFull("full")
 
-    monkeypatch.setattr(add_photo.preview, "write_previews", full)
+    monkeypatch.setattr(add_photo, "write_previews", full)
     with pytest.raises(DiskFull):
         desk.give(jpeg())
     assert desk.rows() == []

@@ -19,7 +19,14 @@ from webapp.files.maps.facts import panorama_fields, source_fields
 from webapp.files.part_file import sha256_of, show_file_as
 from webapp.files.photos.exif import ABSENT, Gps
 from webapp.files.photos.panorama import PanoramaTags, find_panorama
-from webapp.files.photos.photo import PhotoFacts, read_facts, remarks
+from webapp.files.photos.photo import (
+    PhotoFacts,
+    make_previews,
+    previews_folder,
+    read_facts,
+    remarks,
+    write_previews,
+)
 from webapp.files.photos.sidecars import Sidecar, beside_photo, with_sidecars
 from webapp.files.satellite.raster import is_georeferenced_tiff
 from webapp.settings import Settings
@@ -106,7 +113,7 @@ def add_photo(
     with show_file_as(name, source):
         facts = _read(photo, name=name, settings=settings)
         around = find_panorama(source, facts, limits=settings.photo)
-        previews = photo.make_previews(source, limits=settings.photo)
+        previews = make_previews(source, limits=settings.photo)
         is_map = _is_of_no_camera(facts) and is_georeferenced_tiff(source, limits=settings.satellite)
     sha256 = sha256_of(source)
     stored = contents.store(source)  # before the transaction, which blocks other writers
@@ -133,7 +140,7 @@ def add_photo(
         duplicate, placed = record.revision == before, kept.x_px is not None
         if kept is row:
             # before the commit: if the previews cannot be written, the whole photo is rejected
-            photo.write_previews(photo.previews_folder(folder), str(kept.id), previews=previews)
+            write_previews(previews_folder(folder), str(kept.id), previews=previews)
     forget_intake(folder, kept)
     return AddedPhoto(
         kept.id,
