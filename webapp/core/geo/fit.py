@@ -1,4 +1,4 @@
-"""Common parts of all georeferencing methods: the result, the homography, the checks."""
+"""Georeferences fitted to corners or to control points, with the checks that all methods share."""
 
 from __future__ import annotations
 

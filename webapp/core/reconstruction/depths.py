@@ -5,10 +5,9 @@ fused by inverse variance, but the result is not considered more certain than th
 are correlated by the positions of the photos. Inverse depths have nearly Gaussian errors (Civera, Davison,
 Montiel, "Inverse Depth Parametrization for Monocular SLAM", 2008).
 
-Sampson error of the epipolar constraint between pairs of cameras, at depth 1.
-
-It is the first-order distance of a match from satisfying the constraint (Sampson 1982; Hartley and Zisserman,
-"Multiple View Geometry", 2004, 11.4.3). `core/localize/pose_refinement.py` computes it for many poses of one
+The Sampson error is that of the epipolar constraint between pairs of cameras, at depth 1: the first-order
+distance of a match from satisfying the constraint (Sampson 1982; Hartley and Zisserman, "Multiple View
+Geometry", 2004, 11.4.3). `core/localize/pose_refinement.py` computes it for many poses of one
 camera at once.
 """
 

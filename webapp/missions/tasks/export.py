@@ -1,4 +1,4 @@
-"""Exports a mission as a download: text formats, KML, KMZ with drawn icons, or a KML network link."""
+"""Exports a mission as a download in all formats, and answers queries on its rows."""
 
 from __future__ import annotations
 
