@@ -416,12 +416,12 @@ def guess_columns(
     return found
 
 
-def candidates(
-    header: Sequence[str], field: str, *, fields: ColumnFields = POSE_FIELDS
-) -> list[tuple[Column, int]]:
+def candidates(header: Sequence[str], field: str) -> list[tuple[Column, int]]:
     """Return every column of a field whose unit is known, each with its basis (see `Header`)."""
-    read = [read_header(name, fields=fields) for name in header]
-    scales = [_known_scale(one.unit, fields.units[field]) if one.field == field else None for one in read]
+    read = [read_header(name) for name in header]
+    scales = [
+        _known_scale(one.unit, POSE_FIELDS.units[field]) if one.field == field else None for one in read
+    ]
     return [(Column(n, s), read[n].basis) for n, s in enumerate(scales) if s is not None]
 
 

@@ -26,8 +26,8 @@ class WrongOffset(Conflict):
         offset: Bytes received so far: where to resume.
     """
 
-    def __init__(self, message: str, *, offset: int, where: str | None = None) -> None:
-        super().__init__(message, where=where, hint=f"resume at byte {offset}")
+    def __init__(self, message: str, *, offset: int) -> None:
+        super().__init__(message, hint=f"resume at byte {offset}")
         self.offset = offset
 
 

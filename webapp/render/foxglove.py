@@ -100,10 +100,10 @@ class FoxgloveSink:
         """Port of the server; None for a file."""
         return None if self._server is None else self._server.port
 
-    def image(self, topic: str, data: bytes, *, time_s: float, form: str = "jpeg") -> None:
-        """Send an encoded picture of the format `form`."""
+    def image(self, topic: str, data: bytes, *, time_s: float) -> None:
+        """Send a picture, encoded as JPEG."""
         message = self._messages.CompressedImage(
-            timestamp=self._stamp(time_s), frame_id="camera", data=data, format=form
+            timestamp=self._stamp(time_s), frame_id="camera", data=data, format="jpeg"
         )
         self._log(self._kinds.CompressedImageChannel, topic, message, time_s=time_s)
 

@@ -166,15 +166,12 @@ WORST = 8
 JPEG_QUALITY = 80
 
 
-def write_evaluation(
-    evaluation: Evaluation, folder: Path, *, limits: PhotoLimits, worst: int = WORST
-) -> None:
+def write_evaluation(evaluation: Evaluation, folder: Path, *, limits: PhotoLimits) -> None:
     """Write `report.html`, `results.csv`, `results.json`, `estimate.tum` and `truth.tum`.
 
     Args:
         folder: Created if missing; files of these names are replaced.
         limits: For the photos in the report.
-        worst: How many queries the report shows with pictures.
 
     Raises:
         StorageError: The folder or a file in it cannot be written.
@@ -184,7 +181,7 @@ def write_evaluation(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise StorageError(f"the folder cannot be created: {error.strerror}", where=str(folder)) from error
-    shown = pictured(evaluation, worst_rows(evaluation.rows, worst), limits=limits)
+    shown = pictured(evaluation, worst_rows(evaluation.rows, WORST), limits=limits)
     write_text(folder / "report.html", render_report(evaluation, worst=shown))
     write_text(folder / "results.csv", results_csv(evaluation.rows))
     write_text(folder / "results.json", json.dumps(to_json(evaluation), indent=1, allow_nan=False) + "\n")

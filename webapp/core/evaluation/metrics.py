@@ -164,7 +164,6 @@ def bootstrap_interval(
     queries: int,
     *,
     rng: np.random.Generator,
-    replicates: int = REPLICATES,
 ) -> Interval | None:
     """Compute a 95 % percentile bootstrap interval over the queries.
 
@@ -177,7 +176,7 @@ def bootstrap_interval(
     References:
         Efron, Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13.
     """
-    draws = (statistic(rng.integers(0, queries, queries)) for _ in range(replicates))
+    draws = (statistic(rng.integers(0, queries, queries)) for _ in range(REPLICATES))
     figures = [figure for figure in draws if figure is not None]
     if not figures:
         return None

@@ -28,6 +28,7 @@ _FAILURE_SHOWN = timedelta(days=7)
 """For how long the page of a map shows a job that has failed, unless a newer one of its kind follows."""
 
 _RECENT = timedelta(days=1)
+_MOST_RECENT = 20
 """The same for the menu of all pages."""
 
 
@@ -60,7 +61,7 @@ def shown(session: Session, map_id: int) -> list[Job]:
     return [jobs[id] for id in sorted(jobs)]
 
 
-def recent(session: Session, *, map_ids: Select[Any], account: Account, limit: int = 20) -> list[Job]:
+def recent(session: Session, *, map_ids: Select[Any], account: Account) -> list[Job]:
     """List the jobs of some maps that wait, run, or have ended in the last day, active ones first.
 
     Jobs without a map are included if they are the account's own; an owner of the library gets all jobs.
@@ -74,7 +75,7 @@ def recent(session: Session, *, map_ids: Select[Any], account: Account, limit: i
         or_(Job.map_id.in_(map_ids), theirs),
         Job.id.in_(_not_ended_before(moment(session) - _RECENT)),
     )
-    found = select(Job).where(*shown).order_by(Job.state.in_(ENDED), Job.id.desc()).limit(limit)
+    found = select(Job).where(*shown).order_by(Job.state.in_(ENDED), Job.id.desc()).limit(_MOST_RECENT)
     return list(session.scalars(found))
 
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from webapp.core.boxes import BlurBox
 from webapp.core.geo.types import LatLon
 from webapp.core.mapmodel.model import PhotoSource
 from webapp.core.mapmodel.panorama import Panorama
@@ -232,9 +231,9 @@ def _row(facts: PhotoFacts, *, name: str, sha256: str, size_bytes: int) -> Photo
     )
 
 
-def mark_panorama(row: Photo, tags: PanoramaTags, *, masked: Sequence[BlurBox] = ()) -> None:
+def mark_panorama(row: Photo, tags: PanoramaTags) -> None:
     """Mark a record as a panorama."""
-    row.panorama, row.fov_deg = panorama_fields(Panorama(tuple(masked))), 360.0
+    row.panorama, row.fov_deg = panorama_fields(Panorama()), 360.0
     row.heading_deg = row.heading_deg if tags.heading_deg is None else tags.heading_deg
 
 

@@ -62,7 +62,6 @@ def adopt_map(
     slug: str,
     *,
     account_id: int,
-    name: str | None = None,
     settings: Settings | None = None,
     progress: Progress | None = None,
 ) -> int:
@@ -74,7 +73,6 @@ def adopt_map(
     Args:
         slug: Name of the folder, which has a `map.cfg`.
         account_id: Owner of the map.
-        name: Display name; by default the title in its `map.json`, or derived from the slug.
         settings: Only the limits of photos are used.
         progress: One step per photo.
 
@@ -83,7 +81,7 @@ def adopt_map(
 
     Raises:
         MapError: The folder cannot be read as a map.
-        UsageError: The folder's name cannot be used in a URL, or the map's name is not valid.
+        UsageError: The folder's name cannot be used in a URL, or the title in `map.json` is not valid.
         Conflict: The database has such a map already.
     """
     if not _SLUG.fullmatch(slug) or slug in maps.RESERVED:
@@ -96,7 +94,7 @@ def adopt_map(
     _check_upright(library.cfg(slug), contents.map, settings)
     for problem in contents.problems:
         (progress or Progress()).note(problem)
-    title = name or contents.map.title or slug.replace("-", " ").capitalize()
+    title = contents.map.title or slug.replace("-", " ").capitalize()
     with library.database.write() as session:
         if session.scalars(select(MapRecord.id).where(MapRecord.slug == slug)).first() is not None:
             raise Conflict(f"the library already has a map {slug}", where=slug)
