@@ -87,8 +87,6 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class Effective:
-    """A setting with its value."""
-
     setting: Setting
     value: Any
     source: str  # The variable or file that sets it, or "default"

@@ -36,8 +36,6 @@ REGISTRY = JobRegistry(
 
 
 class MissionPart:
-    """The files of missions."""
-
     name = "missions"
     folder = missions.FOLDER
 

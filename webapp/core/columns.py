@@ -282,8 +282,6 @@ LONGEST_HEADER = 100
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of a table."""
-
     index: int  # From 0
     scale: float  # Factor that converts its numbers to the field's default unit
 
@@ -466,7 +464,6 @@ def _known_scale(unit: str | None, units: Mapping[str, float]) -> float | None:
 
 
 def _stated(name: str, units: Mapping[str, float]) -> str | None:
-    """Return the unit that the header of a given column states, if any."""
     plain = _header(name)
     in_brackets, after = _IN_BRACKETS.fullmatch(plain), _AFTER_WORD.fullmatch(plain)
     if in_brackets is not None and _spelled(in_brackets[2]) and any(units):

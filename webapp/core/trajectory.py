@@ -20,7 +20,6 @@ class FixTrack:
     latlon: NDArray[np.float64]  # (n, 2) float64. Degrees north, degrees east.
 
     def __len__(self) -> int:
-        """Count the fixes."""
         return len(self.times_s)
 
 
@@ -60,7 +59,6 @@ class NoMatch:
     reason: str
 
     def __bool__(self) -> bool:
-        """Return False: there is no position."""
         return False
 
 

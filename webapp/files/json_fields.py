@@ -127,7 +127,6 @@ class JsonField:
 
 
 def finite(value: float) -> bool:
-    """Accept every finite number."""
     return math.isfinite(value)
 
 

@@ -242,8 +242,6 @@ class TooManyPassed(Exception):
 
 
 class SendingEnd(socket.socket):
-    """The end of the supervisor."""
-
     def send_connection(self, connection: socket.socket) -> None:
         """Send a copy of a connection.
 

@@ -80,8 +80,6 @@ _STATUSES = {True: HTTPStatus.OK, False: HTTPStatus.SERVICE_UNAVAILABLE}
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """The health of a server."""
-
     library: Library
     settings: Settings
     draining: Callable[[], bool] = is_draining  # Returns whether the server is about to stop

@@ -26,8 +26,6 @@ Sweep = Callable[[Library, Settings], object]
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A kind of job."""
-
     function: str  # "module:function"
     short: bool = False  # Does not wait behind long work
 

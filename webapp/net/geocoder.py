@@ -24,8 +24,6 @@ _WHERE = "place search"
 
 @dataclass(frozen=True, slots=True)
 class GeocoderResult:
-    """A result of the search."""
-
     name: str  # Display name, with the regions that the place is in
     position: LatLon
     box: GeoBox  # Its extent

@@ -102,7 +102,6 @@ class PoliteClient:
         return self._fetch(address, max_bytes=max_bytes)
 
     def may_fetch(self, address: str) -> bool:
-        """Return whether photos may be fetched from this address."""
         try:
             parts = _parse(address)
         except ValueError:
@@ -214,7 +213,6 @@ def _origin(address: str) -> tuple[str | None, str | None]:
 
 
 def _host(address: str) -> str:
-    """Return the host of an address, for messages."""
     try:
         return _parse(address).host or "?"
     except ValueError:

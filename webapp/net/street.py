@@ -41,8 +41,6 @@ _WHERE = "street-level photos"
 
 @dataclass(frozen=True, slots=True)
 class StreetPhoto:
-    """A photo of a service."""
-
     id: str  # In the service: letters, digits, `_` and `-`
     position: LatLon
     address: str  # Address of the file
@@ -282,13 +280,11 @@ class Mapillary:
         self.headers: Mapping[str, str] = {"Authorization": f"OAuth {token}"}
 
     def address(self, box: GeoBox) -> str:
-        """Return the address of the list of an area."""
         sides = ",".join(f"{side:.7f}" for side in (box.west, box.south, box.east, box.north))
         wish = {"bbox": sides, "limit": self.page_size, "fields": _FIELDS}
         return f"{self.base}/images?{urlencode(wish, safe=',')}"
 
     def page(self, content: Any) -> ListedPage:
-        """Parse a page of a list."""
         return ListedPage(content["data"], (content.get("paging") or {}).get("next"))
 
     def photo(self, item: Any) -> StreetPhoto:
@@ -356,7 +352,6 @@ class Panoramax:
         return f"{self.base}/api/search?{urlencode({'bbox': sides, 'limit': self.page_size}, safe=',')}"
 
     def page(self, content: Any) -> ListedPage:
-        """Parse a page of a list."""
         links = content.get("links") or []
         following = next((link["href"] for link in links if link.get("rel") == "next"), None)
         return ListedPage(content["features"], following and urljoin(f"{self.base}/api/search", following))

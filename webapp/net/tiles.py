@@ -179,7 +179,6 @@ class TileService:
         return f"{parts.scheme}://{parts.netloc}"
 
     def address(self, *, z: int, x: int, y: int) -> str:
-        """Return the address of a tile."""
         return self.url.replace("{z}", str(z)).replace("{x}", str(x)).replace("{y}", str(y))
 
 

@@ -19,8 +19,6 @@ _DOT = 5
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """One axis of a chart."""
-
     label: str
     # Values and their labels; the first and the last are the ends of the axis.
     ticks: tuple[tuple[float, str], ...]

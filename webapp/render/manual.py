@@ -58,15 +58,12 @@ _NOT_IN_ANCHOR = re.compile(r"[^\w\- ]")
 
 @dataclass(frozen=True, slots=True)
 class Chapter:
-    """A page of the manual."""
-
     name: str
     title: str
     html: str  # Without scripts; headings have the anchors that links within the documentation use
 
 
 def folder() -> Path:
-    """Return the folder of the documentation."""
     return resource_folder("docs")
 
 

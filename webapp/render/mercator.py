@@ -16,8 +16,6 @@ _LIMIT_DEG = 85.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MercatorPicture:
-    """A picture in Web Mercator."""
-
     pixels: NDArray[np.uint8]  # (h, w, 4) uint8. Blue, green, red, opacity; transparent outside the image.
     # `south`, `west`, `north`, `east`: Degrees of its edges.
     south: float

@@ -35,8 +35,6 @@ UNKNOWN = "–"
 
 @dataclass(frozen=True, slots=True)
 class QueryPictures:
-    """A query with its pictures."""
-
     row: Row
     map_jpeg: bytes
     match_jpeg: bytes | None  # None if no match supports the hypothesis

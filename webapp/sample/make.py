@@ -56,8 +56,6 @@ _DAYS: tuple[tuple[str, datetime, Light], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class SampleSize:
-    """Size of the sample."""
-
     photos: int = 60  # Number of photos of the map
     queries: int = 11  # Number of queries on the map; one more is from elsewhere
     width: int = 640  # Of a photo, pixels, a multiple of 4; the height is three quarters of it
@@ -69,8 +67,6 @@ FULL_SIZE = SampleSize()
 
 @dataclass(frozen=True, slots=True)
 class SampleReport:
-    """The result."""
-
     cfg_path: Path  # The map
     made: bool  # False if it existed already
 

@@ -115,7 +115,6 @@ class Database:
         return self._listener.watch(topic, look_s=look_s)
 
     def close(self) -> None:
-        """Close all connections."""
         if self._listener is not None:
             self._listener.close()
         self.engine.dispose()

@@ -66,7 +66,6 @@ def create(
 
 
 def change(share: Share, allows: SharePermissions) -> None:
-    """Change what a share allows."""
     share.photos = allows.photos
     share.localize = allows.localize and share.query_id is None
     share.originals = allows.originals

@@ -59,16 +59,12 @@ class PhotoTrial(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MapTrials:
-    """Trials of a map's photos."""
-
     source: TrialSource
     by_photo: Mapping[int, PhotoTrial]  # Trials by photo id
 
 
 @dataclass(frozen=True, slots=True)
 class PlanRequest:
-    """Options of a plan."""
-
     spots: int = 12
     area: Rectangle | None = None  # Area of the image, pixels; None plans where there are photos
 
@@ -271,8 +267,6 @@ def _path(cfg: Path) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class PlanWords:
-    """The words of one language."""
-
     directions: tuple[str, ...]  # From north clockwise
     reasons: Mapping[Reason, str]
     look: str  # Template with `{directions}`

@@ -29,7 +29,6 @@ def init_app(app: Flask) -> None:
 
 
 def accepts_gzip() -> bool:
-    """Return whether the client accepts gzip."""
     return request.accept_encodings.quality("gzip") > 0
 
 

@@ -124,7 +124,6 @@ def map_role(role: Role) -> Callable[[View], View]:
 
 
 def checked_right(view: Callable[..., Any]) -> Callable[..., object] | None:
-    """Return the check of a view that `authorized_by` has set."""
     found: Callable[..., object] | None = getattr(view, _RIGHT, None)
     return found
 

@@ -60,7 +60,6 @@ class CountingStorage(Storage):
         return time.time() + max(end - time.monotonic(), 0.0)
 
     def check(self) -> bool:
-        """Return whether the storage works."""
         return True
 
     def reset(self) -> int:

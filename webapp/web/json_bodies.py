@@ -109,7 +109,6 @@ def _check(data: bytes, limits: BodyLimits) -> None:
 
 @cache
 def limits_of(schema: Schema) -> BodyLimits:
-    """Return the limits of the JSON that a schema accepts."""
     whole = _of_schema(schema) + BodyLimits(_SPARE_BYTES, _SPARE_VALUES)
     return BodyLimits(min(whole.bytes, _MOST_BYTES), min(whole.values, _MOST_VALUES))
 

@@ -116,7 +116,6 @@ def _add_version(endpoint: str, values: dict[str, Any]) -> None:
 
 @public
 def _file(version: str, filename: str) -> Response:
-    """Send a static file."""
     mime = mimetypes.guess_type(filename)[0]
     if filename not in files() or not is_text(mime) or not accepts_gzip():
         return _kept(send_from_directory(_present().folder, filename), version)

@@ -25,7 +25,6 @@ def is_affine(values: Affine) -> bool:
 
 
 def apply_affine(affine: Affine, at: MapPixel) -> MapPixel:
-    """Transform one pixel."""
     a, b, c, d, e, f = affine
     return MapPixel(a * at.x + b * at.y + c, d * at.x + e * at.y + f)
 

@@ -28,8 +28,6 @@ _DIGITS = 5
 
 @dataclass(frozen=True, slots=True)
 class Utm:
-    """A position on the UTM grid."""
-
     zone: int  # 1 to 60
     band: str  # Letter of the band of latitude: C to M are south, N to X north of the equator
     # `easting`, `northing`: Metres; the northing is measured from the equator, which is at 10 000 000 for the

@@ -71,7 +71,6 @@ class TileCut:
 
     @property
     def tile_count(self) -> int:
-        """Number of tiles that it touches."""
         columns, rows = self._ranges()
         return len(columns) * len(rows)
 

@@ -41,7 +41,6 @@ class LandmarkCloud:
     distortion: NDArray[np.float64]
 
     def rows_of(self, photo: int) -> NDArray[np.int64]:
-        """List the observations of a photo."""
         return np.arange(self.first[photo], self.first[photo + 1])
 
 

@@ -149,7 +149,6 @@ class PlanTransform:
         return MapPoint(complex(at[0]), complex(factor[0]), height, float(radius[-1]))
 
     def _known(self) -> PlacedPhotos:
-        """Return the placed photos, numbered from 0."""
         return PlacedPhotos(np.arange(len(self.at)), self.at, self.sigma_px, self.derived)
 
 
@@ -180,7 +179,6 @@ class NotAligned:
     photos: tuple[int, ...] = ()  # Numbers of the placed photos that the reason concerns
 
     def __bool__(self) -> bool:
-        """Return False: it is not on the map."""
         return False
 
 

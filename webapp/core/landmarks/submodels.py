@@ -41,7 +41,6 @@ class NoSimilarity:
     reason: str
 
     def __bool__(self) -> bool:
-        """Return False: there is none."""
         return False
 
 

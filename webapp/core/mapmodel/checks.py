@@ -274,8 +274,6 @@ _ONE_SIDE_DEG = 120.0
 
 @dataclass(frozen=True, slots=True)
 class PhotoHealth:
-    """The state of one photo."""
-
     id: int
     # "confusable", "lonely", "one-direction" or "good". Confusable: localized at a wrong place with high
     # probability. Lonely: not recognised by any photo near it. One-direction: all photos of its place look to

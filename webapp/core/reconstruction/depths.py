@@ -78,7 +78,6 @@ class DepthObservations:
     sigma: Array
 
     def fuse(self) -> KeypointDepths:
-        """Average the observations of each keypoint."""
         if not len(self.photo):
             return empty_depths()
         new = np.ones(len(self.photo), np.bool_)

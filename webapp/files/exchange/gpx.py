@@ -197,8 +197,6 @@ def _one_line(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class WalkPoint:
-    """A point of a walk."""
-
     name: str
     description: str  # What to do there
     latlon: LatLon

@@ -71,8 +71,6 @@ _OF_READERS = (None, errno.EINVAL)
 
 @dataclass(frozen=True, slots=True)
 class UnpackedMap:
-    """The result of unpacking a zip."""
-
     folder: Path
     cfgs: tuple[str, ...]  # The `.cfg` files, relative to the folder, sorted
     left_out: tuple[str, ...]  # Names in the zip of files that do not belong to a map

@@ -30,8 +30,6 @@ _IDENTITY = [0.0, 0.0, 0.0, 1.0]
 
 @dataclass(frozen=True, slots=True)
 class PlanarPose:
-    """A pose on a plane."""
-
     timestamp: float  # Seconds, or the number of the pose
     x: float
     y: float

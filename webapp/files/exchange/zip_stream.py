@@ -15,8 +15,6 @@ _TIME = (1980, 1, 1, 0, 0, 0)
 
 @dataclass(frozen=True, slots=True)
 class ZipMember:
-    """A file of a zip."""
-
     name: str  # In the zip, with forward slashes
     # A path is read only when it is written; pieces are consumed one by one.
     content: bytes | Path | Iterable[bytes]

@@ -81,7 +81,6 @@ class FileRows:
         self._row_bytes = dtype.itemsize * int(np.prod(shape[1:]))
 
     def __len__(self) -> int:
-        """Count the rows."""
         return self.shape[0]
 
     def __getitem__(self, wanted: slice | NDArray[np.int64]) -> NDArray[Any]:

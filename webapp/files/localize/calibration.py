@@ -26,8 +26,6 @@ TRIALS_FORMAT = 14
 
 @dataclass(frozen=True, slots=True)
 class StoredCalibration:
-    """A calibration and its inputs."""
-
     calibration: Calibration
     map_fov_deg: float | None  # The option for photos without a known field of view
     place_radius_px: float  # Distance within which a position counted as right

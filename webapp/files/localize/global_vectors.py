@@ -22,8 +22,6 @@ FORMAT = 1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredVectors:
-    """Vectors of photos."""
-
     contents: list[str]  # SHA-256 of the photo files
     vectors: NDArray[np.float16]  # (n, d) float16. In the same order.
     weights: str  # `GlobalDescriptor.weights` of the model

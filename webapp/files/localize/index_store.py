@@ -68,8 +68,6 @@ class SegmentRecord:
 
 @dataclass(frozen=True, slots=True)
 class Manifest:
-    """The contents of an index."""
-
     detector: str
     extractor: str
     extract: ExtractSettings
@@ -90,8 +88,6 @@ _OURS = frozenset({".features", ".ivf", ".vlad", ".codebook", ".tmp"})
 
 
 class IndexFolder:
-    """The files of one index."""
-
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.spool = folder / "spool"
@@ -160,7 +156,6 @@ class IndexFolder:
         return IndexDamaged(f"the manifest {what}", where=str(self.manifest_path), hint=REPAIR)
 
     def write_manifest(self, manifest: Manifest) -> None:
-        """Replace the manifest."""
         atomic.write_bytes(self.manifest_path, sealed({"format": FORMAT, **asdict(manifest)}))
 
     def remove_unnamed(self, manifest: Manifest) -> None:
@@ -178,7 +173,6 @@ class IndexFolder:
             ) from error
 
     def _named(self, manifest: Manifest) -> set[Path]:
-        """List the files that a manifest names."""
         named = {self.codebook_path(manifest.codebook)}
         for segment in manifest.segments:
             codes = self.codes_path(segment.name, codebook=manifest.codebook, engine=manifest.engine)

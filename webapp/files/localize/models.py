@@ -293,8 +293,6 @@ NETWORKS: dict[str, type[YuNet] | type[LpdYuNet]] = {"faces": YuNet, "plates": L
 
 @dataclass(frozen=True, slots=True)
 class BlurNetworks:
-    """Installed networks."""
-
     detectors: tuple[ObjectDetector, ...]
     key: str  # Identifies the set of networks, and so their results
     missing: tuple[str, ...]  # Models that are not installed
@@ -324,7 +322,6 @@ def blur_networks(chosen: Path | None) -> BlurNetworks:
 
 
 def missing_networks(chosen: Path | None) -> tuple[str, ...]:
-    """List the models of `NETWORKS` that are not installed."""
     return tuple(model for model in NETWORKS if installed(model, chosen) is None)
 
 

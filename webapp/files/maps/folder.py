@@ -200,7 +200,6 @@ def _exact(whole: MapPixel, exact: MapPixel | None, map_: Map) -> MapPixel:
 def _read_placement(
     cfg_path: Path, map_: Map, *, name: str, exact: Mapping[int, MapPixel], photos: Mapping[int, str]
 ) -> Placement:
-    """Read a placement; `photos` has those of the map by id."""
     path = placement_path(cfg_path, name)
     placed = read_cfg(path).map
     if placed.satellite != map_.satellite:

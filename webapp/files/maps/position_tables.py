@@ -226,8 +226,6 @@ def _plain(cell: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """Reads rows of a table."""
-
     columns: Columns
     delimiter: str
     in_plane: bool  # Whether the table states a coordinate system: numbers are east and north in it

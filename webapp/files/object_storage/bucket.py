@@ -56,8 +56,6 @@ _DAMAGED = "BadDigest"
 
 @dataclass(frozen=True, slots=True)
 class StoredObject:
-    """An object in a listing."""
-
     key: str  # Without the prefix
     bytes: int
     changed_at: datetime
@@ -338,6 +336,5 @@ def asking(operation: Operation) -> Iterator[None]:
 
 
 def report_look_up(*, found: bool) -> None:
-    """Report a look-up in the cache."""
     for watcher in _watchers:
         watcher.looked_up(found=found)

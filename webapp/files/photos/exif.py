@@ -358,7 +358,6 @@ class NoGps:
         return self.refused is not None and agree(self.refused, other)
 
     def __bool__(self) -> bool:
-        """Return False: there is no position."""
         return False
 
 

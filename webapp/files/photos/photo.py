@@ -314,7 +314,6 @@ def previews_folder(folder: Path) -> Path:
 def preview_path(
     map_folder: Path, photo_id: int | str, *, kind: Kind, blurred: Sequence[BlurBox] = ()
 ) -> Path:
-    """Return the path of a preview of a photo of a map or a mission."""
     return previews_folder(map_folder) / preview_name(f"{photo_id}", kind, blurred=blurred)
 
 

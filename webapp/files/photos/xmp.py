@@ -49,7 +49,6 @@ class Xmp:
     note: str | None = None  # A sentence if it is damaged
 
     def __bool__(self) -> bool:
-        """Return whether it has a property."""
         return bool(self.properties)
 
     def exif(self, name: str) -> str:

@@ -29,8 +29,6 @@ _MAX_STEM = 40
 
 @dataclass(frozen=True, slots=True)
 class PhotoMetadata:
-    """Metadata of a photo, given by its sender."""
-
     # When it was taken, Unix seconds; defaults to the EXIF time, if that has a time zone.
     time_s: float | None = None
     object_id: str | None = None  # The object of the mission that it shows

@@ -130,7 +130,6 @@ class PngDrawing:
         self._canvas.polygon([self._px(corner) for corner in corners], colour=colour)
 
     def line(self, start: Point, end: Point, *, colour: RGB, width: float) -> None:
-        """Draw a straight line."""
         thick = max(1, round(width * self._scale))
         self._canvas.line(self._px(start), self._px(end), colour=colour, width=thick)
 
@@ -139,7 +138,6 @@ class PngDrawing:
         self._texts.append((at, text, style))
 
     def finish(self) -> bytes:
-        """Return a PNG."""
         image = self._canvas.image()
         pen = ImageDraw.Draw(image)
         for (x, y), text, style in self._texts:
@@ -204,7 +202,6 @@ class PdfDrawing:
         self._canvas.circle(centre[0], self._height - centre[1], radius, stroke=1, fill=0)
 
     def polygon(self, corners: Sequence[Point], *, colour: RGB) -> None:
-        """Fill a polygon."""
         self._fill(colour)
         path = self._canvas.beginPath()
         for n, (x, y) in enumerate(corners):
@@ -213,7 +210,6 @@ class PdfDrawing:
         self._canvas.drawPath(path, stroke=0, fill=1)
 
     def line(self, start: Point, end: Point, *, colour: RGB, width: float) -> None:
-        """Draw a straight line."""
         self._stroke(colour, width)
         self._canvas.line(start[0], self._height - start[1], end[0], self._height - end[1])
 
@@ -229,7 +225,6 @@ class PdfDrawing:
         self._canvas.drawString(x, self._height - at[1], text, mode=0)
 
     def finish(self) -> bytes:
-        """Return a PDF."""
         self._canvas.save()
         return self._data.getvalue()
 
@@ -284,7 +279,6 @@ class Box(NamedTuple):
         )
 
     def within(self, other: Box) -> bool:
-        """Return whether all of it is inside the other one."""
         return (
             other.left <= self.left
             and self.right <= other.right

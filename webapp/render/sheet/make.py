@@ -189,8 +189,6 @@ _AROUND = 0.06
 
 @dataclass(frozen=True, slots=True)
 class SheetContent:
-    """The content of a sheet."""
-
     map: Map
     # (h, w, 3) uint8. Red, green, blue; it may have another size than the map states.
     satellite: NDArray[np.uint8]
@@ -252,8 +250,6 @@ def printed_part(map_: Map, options: SheetOptions) -> Box:
 
 @dataclass(frozen=True, slots=True)
 class _Label:
-    """A label, and its mark."""
-
     text: str
     at: Point
     reach: float
@@ -488,7 +484,6 @@ def _wrapped(text: str, *, width: float) -> list[str]:
 
 
 def _lines(text: str, *, width: float) -> list[str]:
-    """Break a text into lines."""
     lines = []
     for paragraph in text.splitlines():
         line = ""

@@ -136,7 +136,6 @@ def draw_control_point(drawing: Drawing, at: Point) -> None:
 
 
 def draw_note(drawing: Drawing, at: Point, *, number: int) -> None:
-    """Draw a square with the number of a note."""
     for side, colour in ((NOTE_PT + 1, _RIM), (NOTE_PT, NOTE)):
         corners = [(at[0] + dx * side, at[1] + dy * side) for dx, dy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
         drawing.polygon(corners, colour=colour)
@@ -145,7 +144,6 @@ def draw_note(drawing: Drawing, at: Point, *, number: int) -> None:
 
 
 def draw_answer_area(drawing: Drawing, answer: SheetAnswer, *, view: SheetView) -> None:
-    """Draw the 68 % radius of an answer."""
     if answer.radius_px is not None:
         at, colour, radius = (
             view.shown(answer.position),

@@ -99,8 +99,6 @@ def answers_from_json(answers: Iterable[Mapping[str, Any]]) -> tuple[SheetAnswer
 
 @dataclass(frozen=True, slots=True)
 class SheetWords:
-    """The words of one language."""
-
     photos: Callable[[int], str]  # Formats a number of photos
     date: str
     photo: str = "photo"

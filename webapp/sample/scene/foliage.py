@@ -38,12 +38,10 @@ class Foliage:
     evergreen: NDArray[np.bool_]  # (n,) bool
 
     def take(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> Foliage:
-        """Return some of the clumps."""
         return Foliage(*(getattr(self, name)[chosen] for name in self.__slots__))
 
 
 def grow(rng: np.random.Generator, trees: tuple[Tree, ...]) -> Foliage:
-    """Make a crown for each tree."""
     parts = [_crown(rng, tree, number) for number, tree in enumerate(trees)]
     return Foliage(*(np.concatenate([getattr(part, name) for part in parts]) for name in Foliage.__slots__))
 

@@ -267,5 +267,4 @@ def end_device(session: Session, account: Account, *, id: int) -> None:
 
 
 def is_device_of(row: SignedIn, session_id: str) -> bool:
-    """Return whether a browser has the session."""
     return row.id_hash == accounts.hashed(session_id)

@@ -61,7 +61,6 @@ class Listener:
 
     @contextmanager
     def watch(self, topic: str, *, look_s: float) -> Iterator[Watch]:
-        """Watch a topic in the block."""
         woken = threading.Event()
         with self._lock:
             self._waiting[topic].add(woken)

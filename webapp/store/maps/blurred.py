@@ -16,7 +16,6 @@ _HAS_BOXES = text("photo.blurred IS NOT NULL")
 
 
 def boxes_of(photo: Photo) -> list[BlurBox]:
-    """Return the blurred boxes of a photo."""
     return [BlurBox(**box) for box in photo.blurred or ()]
 
 

@@ -17,8 +17,6 @@ INDEX_JOB = "index"
 
 @dataclass(slots=True)
 class MapChange:
-    """A change of a map in progress."""
-
     session: Session
     record: MapRecord  # Loaded in `session`
     # Set at the end of the block if the photos on the map have changed: the job that updates the index.

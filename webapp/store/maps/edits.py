@@ -81,8 +81,6 @@ _CLOSE_UNDONE = (  # a parameter of an UPDATE cannot have the name of a column
 
 @dataclass(frozen=True, slots=True)
 class UndoResult:
-    """The result of an undo or redo."""
-
     edit: Edit
     # Why it was not done: the same thing has been changed since. The edit is then closed, so that the next
     # undo takes the one before.

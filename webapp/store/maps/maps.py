@@ -188,7 +188,6 @@ def put_into_bin(record: MapRecord) -> None:
 
 
 def take_from_bin(record: MapRecord) -> None:
-    """Restore a map from the bin."""
     record.binned_at = None
 
 
@@ -409,8 +408,6 @@ class DayOfMap:
 
 @dataclass(frozen=True, slots=True)
 class Day:
-    """What was photographed on a day."""
-
     date: str  # YYYY-MM-DD, by the cameras' clocks
     maps: tuple[DayOfMap, ...]
 

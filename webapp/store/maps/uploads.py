@@ -81,5 +81,4 @@ def begun_before(session: Session, moment: datetime) -> list[Upload]:
 
 
 def known_ids(session: Session) -> set[str]:
-    """Return the ids of all uploads."""
     return set(session.scalars(select(Upload.id)))

@@ -87,8 +87,6 @@ def _not_ended_before(at: datetime) -> CompoundSelect[tuple[int]]:
 
 @dataclass(frozen=True, slots=True)
 class QueueFigures:
-    """The state of the queue."""
-
     # `waiting`, `running`: Numbers of jobs.
     waiting: int
     running: int

@@ -128,7 +128,6 @@ def _contents(database: sqlite3.Connection, readers: Mapping[str, Reader]) -> Sn
 
 
 def _images(floors: str) -> list[str]:
-    """List the paths of the images of floors."""
     return [floor["image"]["path"] for floor in json.loads(floors) or () if floor.get("image")]
 
 

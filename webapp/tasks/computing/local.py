@@ -52,7 +52,6 @@ class LocalPool:
         self.at_once = at_once
 
     def submit(self, item: Any, *, of: int) -> Future[Any]:
-        """Submit a part."""
         with _interrupts_held_back():
             return self._executor.submit(self._do, item)
 
@@ -80,7 +79,6 @@ def threads(function: Part, shared: Any, *, workers: int) -> LocalPool:
 
 
 def processes(function: Part, shared: Any, *, workers: int) -> LocalPool:
-    """Make a pool of processes."""
     # Spawned, not forked: OpenCV and Faiss have threads that do not survive a fork.
     context = multiprocessing.get_context("spawn")
     executor = ProcessPoolExecutor(

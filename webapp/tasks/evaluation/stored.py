@@ -35,8 +35,6 @@ class Miss:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredEvaluation:
-    """One scheme of the evaluation."""
-
     figures: dict[str, Any]  # Output of `expmap evaluate --json` without the queries
     # (n,) float64. Errors of the first hypotheses, map pixels; infinite without a hypothesis.
     errors: NDArray[np.float64]

@@ -15,8 +15,6 @@ Scheme = Literal["queries", "leave-one-out", "leave-one-place-out"]
 
 
 class Localize(Protocol):
-    """Localizes one photo."""
-
     def __call__(self, photo_path: Path, *, top: int, hide: frozenset[int] = frozenset()) -> Answer:
         """Localize a photo as if the experiences `hide` were not on the map.
 
@@ -71,8 +69,6 @@ class Localizer(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class EvaluateOptions:
-    """Options of an evaluation."""
-
     limit: int | None = None
     """Maximum number of queries, evenly spread; None takes all."""
 

@@ -207,8 +207,6 @@ AnswerFormat = Literal["csv", "gpx", "geojson"]
 
 @dataclass(frozen=True, slots=True)
 class AnswerRange:
-    """Selection of answers."""
-
     # `first`, `last`: Ids, inclusive; None for no limit.
     first: int | None = None
     last: int | None = None

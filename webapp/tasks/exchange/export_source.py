@@ -31,8 +31,6 @@ _NOT_PLAIN = re.compile(r"[^A-Za-z0-9_-]+")
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A map to export."""
-
     map: Map
     cfg: Path  # The map file; photos are relative to its folder
     title: str  # Display name
@@ -57,8 +55,6 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Download:
-    """A file to download."""
-
     name: str  # Safe in HTTP headers and on all file systems
     media_type: str
     pieces: Iterator[bytes]  # Its content in chunks, generated on demand

@@ -128,8 +128,6 @@ _TOLERATED = frozenset({Code.MISSING_PHOTO, Code.UNREADABLE_PHOTO})
 
 @dataclass(frozen=True, slots=True)
 class ImportedMap:
-    """The new map."""
-
     map_id: int
     slug: str
     findings: tuple[Finding, ...]  # Findings of the linter

@@ -33,8 +33,6 @@ _SAME_PX = 1.0
 
 @dataclass(frozen=True, slots=True)
 class PhotoCopy:
-    """The result for a photo."""
-
     id: int
     photo: str  # Path in the map's folder, and in that of the copies
     position: LatLon | None = None  # As written; None if nothing was written

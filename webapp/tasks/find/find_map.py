@@ -161,8 +161,6 @@ _NO_INDEX = NotReady("it has no index yet", hint="open its Localize page, or run
 
 @dataclass(frozen=True, slots=True)
 class FoundMap:
-    """A map that was searched."""
-
     slug: str
     name: str
     probability: float  # That the photo was taken on this map and not on another one
@@ -180,8 +178,6 @@ class SkippedMap:
 
 @dataclass(frozen=True, slots=True)
 class MapSearch:
-    """The result of a search."""
-
     maps: tuple[FoundMap, ...]  # The most probable first
     # That it was taken on none of them: on one that was not searched, or on no map at all. The probability of
     # a map is against everything else, so that maps that were not searched are included here.
@@ -195,8 +191,6 @@ class MapSearch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LibrarySearch:
-    """What a search needs."""
-
     cache: MapCache  # Localizes the photo
     ranking: MapRanking  # Determines which maps are searched first: there may not be time for all
     settings: Settings

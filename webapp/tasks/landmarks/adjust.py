@@ -56,8 +56,6 @@ _FORMAT = 5
 
 @dataclass(frozen=True, slots=True)
 class AdjustedSubmodel:
-    """The outcome for a submodel."""
-
     photos: tuple[int, ...]  # Numbers of its photos
     problem: str  # Why it was not adjusted; empty if it was
     # Distances of the adjusted cameras from the known positions, outliers included, by the photos' numbers.

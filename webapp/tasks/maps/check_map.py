@@ -155,8 +155,6 @@ def _image(pieces: Scan) -> tuple[object, ...]:
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """Result of checking a map."""
-
     cfg_path: Path
     photos: int  # Number of readable photo lines
     # Those of the `.cfg` first, in the order of the lines, then those of the files next to it.
@@ -212,14 +210,11 @@ def _places(pieces: Scan) -> MapPlaces | None:
 
 @dataclass(frozen=True, slots=True)
 class _FileChecker:
-    """Checks the files that a map names."""
-
     files: MapFolder
     limits: PhotoLimits
     georeference: Georeference | None
 
     def find(self, name: str) -> FileFacts:
-        """Return whether the file exists."""
         try:
             path = self.files.place(name)
         except MapError as error:

@@ -35,8 +35,6 @@ KINDS = tuple(
 
 @dataclass(frozen=True, slots=True)
 class RequestedEdit:
-    """A requested edit."""
-
     kind: str  # One of `KINDS`
     # New values of `x_px`, `y_px`, `floor`, `removed` or a fact of `EDITED` by photo. x and y must be given
     # together; None for both moves the photo back to the tray.

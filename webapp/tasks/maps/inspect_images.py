@@ -113,7 +113,6 @@ def _worldfile(path: Path) -> str | None:
 
 
 def as_json(report: ImageReport) -> dict[str, object]:
-    """Return a report as JSON."""
     facts, plan = report.photo, report.plan
     return {
         "file": report.name,

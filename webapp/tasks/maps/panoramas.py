@@ -48,8 +48,6 @@ _CELLS_DEG = (1, 2, 3, 4, 5, 6, 10, 15)
 
 @dataclass(frozen=True, slots=True)
 class CutOptions:
-    """How panoramas are cut."""
-
     views: int = VIEWS  # Number of views, evenly spaced; the first is at the middle of the panorama
     # 35 mm equivalent focal length of each view, mm; 17 corresponds to 91 degrees.
     focal_35mm: int = FOCAL_35MM

@@ -42,8 +42,6 @@ class PositionList:
 
 @dataclass(frozen=True, slots=True)
 class ListedPhoto:
-    """The position of a photo in a list."""
-
     spot: PhotoSpot
     before: MapPixel | None  # Current position
     # `moved_px`, `moved_m`: Distance from it; None without a current position, `moved_m` also without a

@@ -28,8 +28,6 @@ from webapp.settings import PhotoLimits
 
 
 class FileState(StrEnum):
-    """The result for a file."""
-
     PLACED = "placed"
     NO_POSITION = "no position"
     OUTSIDE = "outside the image"
@@ -39,8 +37,6 @@ class FileState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SurveyedFile:
-    """A surveyed file."""
-
     name: str  # Relative to the folder, with forward slashes
     facts: PhotoFacts | None = None  # None if it is not a readable photo
     position: LatLon | MapPixel | None = None
@@ -152,8 +148,6 @@ class _Reader:
 
 @dataclass(frozen=True, slots=True)
 class FileResult:
-    """The result for one file of the folder."""
-
     name: str  # Relative to the folder
     state: FileState
     reason: str | None = None  # Why it was not placed

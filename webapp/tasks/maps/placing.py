@@ -53,8 +53,6 @@ class OutsidePhoto:
 
 @dataclass(frozen=True, slots=True)
 class PlacingResult:
-    """What was placed."""
-
     placed: tuple[int, ...]  # Ids of the photos, including those that have not moved
     outside: tuple[OutsidePhoto, ...]
     job: int | None = None  # Id of the job that updates the index, if the set of placed photos has changed

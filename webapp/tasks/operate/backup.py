@@ -87,8 +87,6 @@ def readers(parts: Iterable[LibraryPart]) -> Mapping[str, Reader]:
 
 @dataclass(frozen=True, slots=True)
 class BackupReport:
-    """What is in a backup."""
-
     maps: int
     photos: int
     files: int
@@ -283,8 +281,6 @@ _BEFORE = ".before-restore-"
 
 @dataclass(frozen=True, slots=True)
 class RestoreReport:
-    """What was restored."""
-
     made_at: str  # When the backup was made, ISO 8601
     maps: int
     photos: int

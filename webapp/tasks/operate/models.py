@@ -279,8 +279,6 @@ def check_models(settings: Settings) -> Iterator[ModelCheck]:
 
 
 class PicturePair(NamedTuple):
-    """A picture and its warp."""
-
     # `first`, `second`: (h, w) uint8
     first: NDArray[np.uint8]
     second: NDArray[np.uint8]

@@ -63,8 +63,6 @@ _IN_USE = Conflict(
 
 @dataclass(frozen=True, slots=True)
 class MoveReport:
-    """What was moved."""
-
     tables: tuple[TableCopy, ...]  # The copied tables
     place: str  # The new database
     kept: str  # The old database
@@ -307,8 +305,6 @@ _WORKER_WAIT_S, _CANCEL_POLL_S = 600.0, 1.0
 
 @dataclass(frozen=True, slots=True)
 class ObjectsMoved:
-    """What was moved."""
-
     files: int  # Number of files moved
     place: str  # Where they are now
 

@@ -47,8 +47,6 @@ TRAY: dict[str, Any] = {"x_px": None, "y_px": None, "floor": BASE_FLOOR}
 
 @dataclass(frozen=True, slots=True)
 class NewImage:
-    """The new image of a map."""
-
     path: str  # Path of the existing file, relative to the map's folder
     image: MapImage  # Its size and georeference
 
@@ -66,8 +64,6 @@ class ImageChoice:
 
 @dataclass(frozen=True, slots=True)
 class ImageEditResult:
-    """The result of an edit of the image."""
-
     changed: tuple[int, ...]  # Ids of the photos whose position or heading changed
     # Number of positions that were dropped: photos moved to the tray, and photos in further placements.
     to_tray: int
@@ -260,7 +256,6 @@ class ImageChange:
         ]
 
     def shows(self, position: MapPixel) -> bool:
-        """Return whether a position is on the new image."""
         return inside(position, width=self.new.width, height=self.new.height)
 
     def placed(self, photo: Photo, at: MapPixel) -> dict[str, Any]:

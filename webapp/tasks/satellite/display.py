@@ -51,8 +51,6 @@ _MIME = (
 
 @dataclass(frozen=True, slots=True)
 class DisplayFile:
-    """A file to send."""
-
     path: Path
     mime: str
     key: str  # Changes when the content does

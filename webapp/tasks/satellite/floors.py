@@ -47,8 +47,6 @@ from webapp.tasks.satellite.upright import as_shown, upright_copy, upright_name
 
 @dataclass(frozen=True, slots=True)
 class FloorEdit:
-    """An edit of a floor."""
-
     id: int  # Id of the floor
     revision: int | None  # Revision of the edit; None if nothing changed
 
@@ -166,7 +164,6 @@ def check_removable(id: int) -> None:
 
 
 def photos_on_floor(count: int) -> UsageError:
-    """Make the error for photos on a floor to be removed."""
     return UsageError(
         f"{count} photos are on this floor",
         hint="move them to another floor first, or put them into the tray (tray=1)",
@@ -303,7 +300,6 @@ def align_floor(
 def _moved_photos(
     photos: Sequence[Photo], image: MapImage, *, floor: int, move: Affine
 ) -> dict[str, Mapping[str, Any] | None]:
-    """Return the changes that move the photos of a floor with its image."""
     a, _, _, d, _, _ = move
     turn_deg = math.degrees(math.atan2(d, a))
     changes: dict[str, Mapping[str, Any] | None] = {}
@@ -327,7 +323,6 @@ def _moved_photos(
 def _moved_notes(
     record: MapRecord, image: MapImage, *, floor: int, move: Affine
 ) -> dict[str, Mapping[str, Any] | None]:
-    """Return the changes that move the notes of a floor with its image."""
     changes: dict[str, Mapping[str, Any] | None] = {}
     for note in notes(record):
         if note.floor != floor or note.position is None:

@@ -142,8 +142,6 @@ def _finite(value: float) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class GeoSource:
-    """Source of a georeference."""
-
     kind: Literal["corners", "geotiff", "worldfile", "control-points"]  #
     # Required for corners and control points; by default, a world file is looked for next to the image. A
     # GeoTIFF is the image itself.

@@ -30,8 +30,6 @@ SMALLEST_PX, LARGEST_PX = 100, 10_000
 
 @dataclass(frozen=True, slots=True)
 class UploadedImage:
-    """The result of an uploaded image."""
-
     applied: ImageEditResult
     warnings: tuple[str, ...]  # About its georeference, and whether it was turned
 

@@ -46,8 +46,6 @@ class TileRequest:
 
 @dataclass(frozen=True, slots=True)
 class TileDownload:
-    """The result of a download."""
-
     new: NewImage  # The image to set
     metres_per_pixel: float  # In its middle
     # `tiles`, `missing`: Number of its tiles, and of those that the service does not have.

@@ -39,8 +39,6 @@ _FAILURES_IN_A_ROW = 3
 
 @dataclass(frozen=True, slots=True)
 class FailedPhoto:
-    """A photo that could not be added."""
-
     id: str
     reason: str
 

@@ -62,7 +62,6 @@ class PixelBox(NamedTuple):
     bottom: float
 
     def on(self, image: MapImage) -> PixelBox:
-        """Return the part on the image."""
         left, right = max(self.left, 0.0), min(self.right, float(image.width))
         return PixelBox(left, max(self.top, 0.0), right, min(self.bottom, float(image.height)))
 
@@ -73,8 +72,6 @@ class PixelBox(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class StreetRequest:
-    """Options of a survey."""
-
     source: SourceKey  # "panoramax" or "mapillary"
     area: GeoBox | PixelBox | None = None  # None for the whole image of the map
     panoramas: PanoramaWish = "cut"
@@ -122,7 +119,6 @@ class StreetSurvey:
 
 
 def services(settings: StreetSettings) -> dict[SourceKey, StreetService]:
-    """Return the configured services, by their keys."""
     found: dict[SourceKey, StreetService] = {}
     if settings.panoramax is not None:
         found["panoramax"] = Panoramax(settings.panoramax)

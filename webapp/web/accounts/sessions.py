@@ -48,7 +48,6 @@ def init_app(app: Flask) -> None:
 
 
 def is_api() -> bool:
-    """Return whether the request is for the API."""
     return request.path.startswith(API)
 
 
@@ -150,5 +149,4 @@ def _note_use(session_id: str) -> None:
 
 
 def is_this_browser(row: SignedIn) -> bool:
-    """Return whether the request is from a browser that is signed in."""
     return _ID in session and ways_in.is_device_of(row, session[_ID])

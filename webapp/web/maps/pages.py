@@ -36,8 +36,6 @@ _MOST_DOTS = 200
 
 @dataclass(frozen=True, slots=True)
 class MapCard:
-    """An entry of the list of maps."""
-
     map: MapRecord
     role: Role | None  # Role of the caller
     photos: int

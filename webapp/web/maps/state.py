@@ -148,7 +148,6 @@ def _changed(record: MapRecord, photos: list[Photo]) -> list[dict[str, Any]]:
 
 
 def summary(session: Session, record: MapRecord, *, account: Account) -> dict[str, Any]:
-    """Return the entry of a map in a list."""
     return summaries(session, [record], account=account)[0]
 
 
@@ -248,7 +247,6 @@ def written_facts() -> list[dict[str, Any]]:
 
 
 def notes_json(record: MapRecord) -> list[dict[str, Any]]:
-    """Return the notes on spots of a map."""
     empty: dict[str, Any] = {"x_px": None, "y_px": None, "text": "", "photos": [], "floor": BASE_FLOOR}
     return [{**empty, **note} for note in record.notes or ()]
 

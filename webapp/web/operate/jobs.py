@@ -154,7 +154,6 @@ def healthz() -> Report:
 
 
 def job_json(session: Session, job: Job, *, account: Account) -> dict[str, Any]:
-    """Return the JSON object of a job for an account."""
     form = job_views.to_json(session, job, account_id=account.id)
     return translate_job(form) | {"behind": _behind(session, job, account=account)}
 

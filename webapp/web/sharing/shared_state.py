@@ -129,7 +129,6 @@ def files_not_shared() -> NotFound:
 
 
 def landmarks_page(opened: OpenedShare, *, token: str) -> dict[str, Any]:
-    """Return the state for the page with landmarks, without these."""
     return {
         "name": opened.map.name,
         "token": token,

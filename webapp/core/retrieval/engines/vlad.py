@@ -39,7 +39,6 @@ class Codebook:
 
     @property
     def signature_bytes(self) -> int:
-        """Size of one signature."""
         return self.centres.size // 8
 
 

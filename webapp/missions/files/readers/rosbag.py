@@ -77,8 +77,6 @@ PLANNED = "messages with planned poses, which were not driven (name the topic to
 
 @dataclass(frozen=True, slots=True)
 class _RosPose:
-    """A pose."""
-
     # Seconds since 1970; latitude, longitude and height, or x, y and z in the robot's frame; yaw, radians;
     # variances of east and north, or of x and y, and their covariance, square metres.
     values: tuple[float, ...]
@@ -256,8 +254,6 @@ def _score(result: Any) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """A topic of a bag."""
-
     name: str
     type: str  # Type of its messages: `nav_msgs/msg/Odometry`
     messages: int
