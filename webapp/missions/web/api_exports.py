@@ -142,9 +142,7 @@ def query(mission_id: int, asked: dict[str, Any]) -> Response:
     mission, form = open_mission(mission_id), asked.pop("format")
     place = library()
     question = Question(**asked)
-    return stream_download(
-        lambda: query_mission(place, mission.id, question=question, form=form)
-    )
+    return stream_download(lambda: query_mission(place, mission.id, question=question, form=form))
 
 
 def export(mission_id: int, *, ending: str, query: dict[str, Any], private: bool = False) -> Response:
