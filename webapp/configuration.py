@@ -60,11 +60,7 @@ class Setting:
         return f"{number} {limit}, for example {self.default:g}"
 
     def check(self, value: object, *, where: str) -> Any:
-        """Convert a value to the kind of the setting.
-
-        Raises:
-            UsageError: The value is not allowed.
-        """
+        """Convert a value to the kind of the setting."""
         if self._takes(value):
             return self.kind(value)
         raise UsageError(f"{value!r} is not allowed", where=where, hint=f"write {self.allowed}")

@@ -50,11 +50,7 @@ def in_threads(function: Callable[[In], Out], items: Iterable[In]) -> list[Out]:
 
 @contextmanager
 def permit(semaphore: Semaphore, *, wait_s: float = 20.0) -> Iterator[None]:
-    """Hold a permit of a semaphore within the block.
-
-    Raises:
-        Busy: No permit became free within `wait_s` seconds.
-    """
+    """Hold a permit of a semaphore within the block."""
     if not semaphore.acquire(timeout=wait_s):
         raise Busy("the server is busy", wait_s=10, hint="try again in a moment")
     try:

@@ -159,8 +159,5 @@ def create_app(settings: Settings, *, library: Library | None = None) -> APIFlas
 
     Args:
         library: An open library; by default that of the settings is opened.
-
-    Raises:
-        StorageError: The library cannot be opened.
     """
     return make_app(settings, WEB_PARTS, library=library)

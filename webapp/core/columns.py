@@ -296,9 +296,6 @@ def parse_columns(text: str, header: Sequence[str], *, fields: ColumnFields = PO
         text: Fields separated by commas, as described above.
         header: The table's first line; names are compared without regard to case.
         fields: Fields that the table can have.
-
-    Raises:
-        UsageError: A field, a unit or a column is unknown, or positions are missing.
     """
     names = [name.strip().lstrip("#%").strip().lower() for name in header]
     found: dict[str, Column] = {}

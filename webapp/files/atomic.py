@@ -35,11 +35,7 @@ def make_folder(folder: Path) -> None:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Read a whole file.
-
-    Raises:
-        StorageError: The file cannot be read.
-    """
+    """Read a whole file."""
     try:
         return path.read_bytes()
     except OSError as error:
@@ -64,9 +60,6 @@ def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
 
     Args:
         pieces: The content, which may be generated while it is written.
-
-    Raises:
-        StorageError: Writing failed; the old file is unchanged.
     """
     temporary = path.with_name(f".{path.name[:80]}.{secrets.token_hex(6)}.tmp")
     try:

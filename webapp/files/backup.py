@@ -143,10 +143,6 @@ def check(path: Path, *, progress: Progress) -> Files:
 
     Args:
         progress: One step per file.
-
-    Raises:
-        InputError: The file is not a backup, or is damaged.
-        StorageError: The file cannot be read.
     """
     return _read(path, progress, lambda _name: _discarding())
 
@@ -180,12 +176,7 @@ def unpack(path: Path, folder: Path, *, place: Callable[[str], Path], progress: 
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
-    """Read the manifest of a backup.
-
-    Raises:
-        InputError: The file is not a backup.
-        StorageError
-    """
+    """Read the manifest of a backup."""
     with _zip_errors(path), zipfile.ZipFile(path) as opened:
         return _manifest(opened)[0]
 

@@ -97,11 +97,7 @@ def cache_folder(settings: Settings) -> Path:
 
 
 def settings_at(path: Path, settings: Settings) -> Settings:
-    """Return the settings for a map, whose storage is that of its library, or none.
-
-    Raises:
-        StorageError: The library has a storage other than the settings'.
-    """
+    """Return the settings for a map, whose storage is that of its library, or none."""
     inner = library_with_objects(path)
     if inner is None:
         return settings if settings.storage is None else replace(settings, storage=None)
@@ -132,11 +128,7 @@ def local(path: Path) -> Path:
 
 
 def fetch_together(paths: Sequence[Path]) -> None:
-    """Fetch several files that are about to be read, in parallel; lost objects are ignored until read.
-
-    Raises:
-        StorageError: Raised by `local`.
-    """
+    """Fetch several files that are about to be read, in parallel; lost objects are ignored until read."""
     if in_use() is not None:
         with ContextThreads(_TOGETHER) as pool:
             for _ in pool.map(_fetch, paths):
@@ -153,9 +145,6 @@ def read_once(path: Path) -> Iterator[Path]:
     """Yield a path like `local`, valid in the block only; an object that is not cached is not added.
 
     If a new file has been put at the path since it was stored, that is used instead of the object.
-
-    Raises:
-        StorageError: Raised by `local`.
     """
     storage = in_use()
     pointer = read_pointer(path) if storage else None

@@ -388,20 +388,13 @@ def image_size(source: Path | bytes) -> tuple[int, int]:
 
     Args:
         source: A file, or its content.
-
-    Raises:
-        PhotoError: The file is missing or not an image.
     """
     with open_image(source, limits=_ANY_SIZE) as image:
         return image.size
 
 
 def check_decodes(path: Path, *, limits: PhotoLimits) -> None:
-    """Check that a photo is complete, by decoding it at the smallest size that its format allows.
-
-    Raises:
-        PhotoError: The file is missing, not an image, truncated, damaged, or exceeds the limits.
-    """
+    """Check that a photo is complete, by decoding it at the smallest size that its format allows."""
     with open_image(path, limits=limits) as image:
         image.draft("L", _SMALL)
         image.load()

@@ -66,11 +66,7 @@ class JsonField:
         return fields
 
     def items(self) -> list[JsonField]:
-        """Return the items of a list; none if it is missing.
-
-        Raises:
-            MapJsonError: The value is not a list.
-        """
+        """Return the items of a list; none if it is missing."""
         if self.missing:
             return []
         if not isinstance(self.value, list):
@@ -191,11 +187,7 @@ def _is_unicode(value: object) -> bool:
 
 
 def by_id(field: JsonField, *, parse: Callable[[JsonField], tuple[int, T]]) -> dict[int, T]:
-    """Parse the items of a list, and return them by id.
-
-    Raises:
-        MapJsonError: An id is repeated, or `parse` raises it.
-    """
+    """Parse the items of a list, and return them by id."""
     found: dict[int, T] = {}
     for item in field.items():
         id, value = parse(item)

@@ -96,9 +96,6 @@ def list_files(folder: Path, *, leave_out: Iterable[Path] = ()) -> list[str]:
 
     Args:
         leave_out: Folders not to enter.
-
-    Raises:
-        UsageError: The folder, or one below it, cannot be listed.
     """
     closed = {path.resolve() for path in leave_out}
     found = []

@@ -73,10 +73,6 @@ def exclusive(path: Path, *, doing: str, wait_s: int = 60) -> AbstractContextMan
         path: The lock file; its folder is created if missing.
         doing: Message of `Busy`: what the other process is doing.
         wait_s: Seconds after which `Busy` suggests to try again.
-
-    Raises:
-        Busy: Another process, or thread, holds the lock.
-        StorageError: The folder cannot be written.
     """
     return one_of([path], doing=doing, wait_s=wait_s)
 

@@ -36,9 +36,6 @@ def one_at_a_time(part: Path) -> Iterator[None]:
     """Lock an upload, so that one process or thread at a time works on its bytes.
 
     Uploads whose names begin alike share a lock file; these are few and never deleted, which avoids races.
-
-    Raises:
-        Conflict: Another process has held the lock for too long.
     """
     try:
         with FileLock(part.with_name(f"{part.name[:2]}.lock"), timeout=_WAIT_S):

@@ -35,31 +35,19 @@ class Context:
 
     @contextmanager
     def write(self) -> Iterator[Session]:
-        """Open a write transaction, provided that the job still holds its lease.
-
-        Raises:
-            Conflict: The lease is lost.
-        """
+        """Open a write transaction, provided that the job still holds its lease."""
         with self.library.database.write() as session:
             jobs.guard(session, self.lease)
             yield session
 
     @contextmanager
     def changing(self, map_id: int) -> Iterator[MapChange]:
-        """Change a map as `Library.changing` does, provided that the job still holds its lease.
-
-        Raises:
-            Conflict: The lease is lost.
-        """
+        """Change a map as `Library.changing` does, provided that the job still holds its lease."""
         with self.write() as session, change_map(session, map_id) as change:
             yield change
 
     def map(self) -> MapRecord:
-        """Read the map's record.
-
-        Raises:
-            NotFound: The map has been deleted in the meantime.
-        """
+        """Read the map's record."""
         with self.library.database.read() as session:
             record = None if self.map_id is None else session.get(MapRecord, self.map_id)
         if record is None:

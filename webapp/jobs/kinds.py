@@ -60,11 +60,7 @@ class JobRegistry:
         return frozenset(name for name, kind in self.kinds.items() if kind.short)
 
     def function(self, kind: str) -> Function:
-        """Import the function that does a kind of job.
-
-        Raises:
-            UsageError: The kind does not exist.
-        """
+        """Import the function that does a kind of job."""
         if kind not in self.kinds:
             raise UsageError(
                 f"unknown kind of job: {kind!r}",

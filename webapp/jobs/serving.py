@@ -125,11 +125,7 @@ def _metrics_folder(settings: Settings) -> Iterator[dict[str, str]]:
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """Open a listening socket; wait a little if an earlier server has not yet freed the port.
-
-    Raises:
-        UsageError: Another program uses the port, or the address is not one of this machine.
-    """
+    """Open a listening socket; wait a little if an earlier server has not yet freed the port."""
     until = time.monotonic() + _FREE_WITHIN_S
     while True:
         try:

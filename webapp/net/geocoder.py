@@ -37,9 +37,6 @@ def search(text: str, *, language: str, settings: GeocoderSettings) -> tuple[Geo
 
     Returns:
         The best match first; empty if there is none.
-
-    Raises:
-        InputError: The host does not answer, refuses, or sends an invalid answer.
     """
     wish = {"q": text, "format": "jsonv2", "limit": str(_MOST), "accept-language": language}
     try:

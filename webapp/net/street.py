@@ -200,11 +200,7 @@ def _quarters(box: GeoBox) -> list[GeoBox]:
 
 
 def plain_id(value: object) -> str:
-    """Return the id of a photo.
-
-    Raises:
-        ValueError: It cannot be part of a file name.
-    """
+    """Return the id of a photo."""
     text = str(value)
     if not _PLAIN_ID.fullmatch(text):
         raise ValueError("not a plain id")

@@ -46,10 +46,6 @@ class FoxgloveSink:
     Args:
         out: MCAP file to write; without it a server listens on `address`.
         address: Host and port; port 0 for any free one.
-
-    Raises:
-        MissingPart: The extra `foxglove` is not installed.
-        UsageError: The file exists, or the port is taken.
     """
 
     def __init__(self, *, out: Path | None = None, address: tuple[str, int] = ("127.0.0.1", 8765)) -> None:

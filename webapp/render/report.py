@@ -170,10 +170,6 @@ def write_evaluation(evaluation: Evaluation, folder: Path, *, limits: PhotoLimit
     Args:
         folder: Created if missing; files of these names are replaced.
         limits: For the photos in the report.
-
-    Raises:
-        StorageError: The folder or a file in it cannot be written.
-        PhotoError: A photo that was localized, or the map's image, can no longer be read.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -177,10 +177,6 @@ def write_sample(folder: Path, *, seed: int, size: SampleSize, progress: Progres
 
     Returns:
         For the record: the `files`, relative to the folder, and the ground truth of the `queries`.
-
-    Raises:
-        OSError: Writing failed.
-        Cancelled
     """
     for name in ("photos", "queries"):
         (folder / name).mkdir(parents=True)

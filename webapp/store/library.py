@@ -78,10 +78,6 @@ class Library:
         the index if photos came onto the map or left it. The files of the map follow: the worker writes
         them within `settings.jobs.export_s` seconds, also after a restart; code that delivers them calls
         `tasks.maps.export.export_map` first.
-
-        Raises:
-            NotFound: The map does not exist.
-            StorageError: The database cannot be written; nothing has changed.
         """
         with self.database.write(locks_rows=True) as session, change_map(session, map_id) as change:
             yield change
@@ -279,11 +275,7 @@ def newest_schema() -> str:
 
 
 def schema_version(database: Database) -> str | None:
-    """Return the schema version of a database; None if it has no tables.
-
-    Raises:
-        StorageError: The database cannot hold a library, or cannot be reached.
-    """
+    """Return the schema version of a database; None if it has no tables."""
     with (
         database.translated_errors(),
         database.engine.connect() as connection,

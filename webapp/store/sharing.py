@@ -54,9 +54,6 @@ def create(
 
     Args:
         query_id: The answer; None for the map.
-
-    Raises:
-        NotFound: The map does not have this answer.
     """
     if query_id is not None:
         queries.find(session, record, query_id)
@@ -153,11 +150,7 @@ def revoke_of_removed_accounts(session: Session) -> int:
 
 
 def find_share(session: Session, kind: type[Kind], *, id: int, where: ColumnElement[bool]) -> Kind:
-    """Find a share of a kind by its id.
-
-    Raises:
-        NotFound: There is none, or it does not fulfil the condition.
-    """
+    """Find a share of a kind by its id."""
     share = session.scalars(select(kind).where(kind.id == id, where)).first()
     if share is None:
         raise NotFound("link not found", hint="it may have been revoked: reload the page")

@@ -140,11 +140,7 @@ def trials_of(map_: Map, cfg: Path) -> MapTrials:
 
 
 def trials_from_evaluation(map_: Map, schemes: Iterable[Mapping[str, Any]]) -> MapTrials:
-    """Return the trials in the output of `expmap evaluate --self --json`, of photos not moved since.
-
-    Raises:
-        KeyError, TypeError: It has another format.
-    """
+    """Return the trials in the output of `expmap evaluate --self --json`, of photos not moved since."""
     every = list(schemes)
     chosen = [one for one in every if one["scheme"] == "leave-one-out"] or every
     by_path = {e.photo: e for e in map_.experiences}
@@ -298,11 +294,7 @@ def directions_of(spot: Mapping[str, Any], words: PlanWords = ENGLISH) -> str:
 
 
 def walk_of(plan: Mapping[str, Any], words: PlanWords = ENGLISH) -> list[WalkPoint]:
-    """Convert a plan from `plan_json` to a walk.
-
-    Raises:
-        UsageError: The map has no georeference.
-    """
+    """Convert a plan from `plan_json` to a walk."""
     spots = plan["spots"]
     if any(spot["lat"] is None for spot in spots):
         raise UsageError(

@@ -62,9 +62,6 @@ def make_app(settings: Settings, parts: Parts, *, library: Library | None = None
 
     Args:
         library: An open library; by default that of the settings is opened.
-
-    Raises:
-        StorageError: The library cannot be opened.
     """
     library = library or open_library(settings.library, url=settings.database, threads=settings.serve.threads)
     open_storage(library, settings)

@@ -46,11 +46,7 @@ class ConcurrencyLimit:
         return cast(threading.BoundedSemaphore, current_app.extensions[_EXTENSION][self._name])
 
     def acquire(self) -> threading.BoundedSemaphore:
-        """Take a permit; returns the semaphore, which the caller has to release.
-
-        Raises:
-            Busy: No permit is free.
-        """
+        """Take a permit; returns the semaphore, which the caller has to release."""
         free = self.semaphore()
         if not free.acquire(blocking=False):
             raise Busy("the server is busy", wait_s=_WAIT_S, hint="try again in a moment")
@@ -58,11 +54,7 @@ class ConcurrencyLimit:
 
     @contextmanager
     def slot(self) -> Iterator[None]:
-        """Hold a permit within the block.
-
-        Raises:
-            Busy: No permit is free.
-        """
+        """Hold a permit within the block."""
         free = self.acquire()
         try:
             yield

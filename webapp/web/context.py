@@ -70,9 +70,6 @@ def reading_map(
 
 def if_match() -> int | None:
     """Return the latest revision that the caller knows, from the header `If-Match`; ETag quotes are allowed.
-
-    Raises:
-        UsageError: The header is not a revision.
     """
     text = request.headers.get("If-Match")
     if text is None:

@@ -139,11 +139,7 @@ def _of_field(field: fields.Field[Any]) -> BodyLimits:
 
 
 def longest(validators: Sequence[Any]) -> int:
-    """Return the maximum length of a text that passes validators.
-
-    Raises:
-        TypeError: There is none.
-    """
+    """Return the maximum length of a text that passes validators."""
     for validator in validators:
         if isinstance(validator, OneOf):
             return max(len(str(choice)) for choice in validator.choices)

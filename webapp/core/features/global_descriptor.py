@@ -101,10 +101,6 @@ class GlobalDescriptor:
             ImageNet's.
         file: Name of the file, for messages.
         weights: Identifies the content of the model file and the form.
-
-    Raises:
-        InputError: The file contains another network, or none.
-        MissingPart: onnxruntime is not installed.
     """
 
     def __init__(self, model: bytes, *, file: str, form: InputForm, weights: str) -> None:

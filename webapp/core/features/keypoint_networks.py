@@ -43,10 +43,6 @@ class KeypointNetwork:
         width: Dimension of a descriptor.
         sides: (int or None, int or None). Width and height of its input images; None if any multiple of
             `multiple` is possible.
-
-    Raises:
-        InputError: The file contains another network.
-        MissingPart: onnxruntime is not installed.
     """
 
     name = ""
@@ -62,11 +58,7 @@ class KeypointNetwork:
         self.sides = (shape[3], shape[2])
 
     def points(self, image: NDArray[np.uint8]) -> Points:
-        """Detect and describe keypoints in an (h, w) uint8 image of a size that the network takes.
-
-        Raises:
-            InputError: The model fails, or its outputs have other shapes.
-        """
+        """Detect and describe keypoints in an (h, w) uint8 image of a size that the network takes."""
         gray = image.astype(np.float32) / np.float32(255.0)
         xy, score, descriptors = self._network.run(image=np.broadcast_to(gray, (1, 3, *gray.shape)))
         n = score.size

@@ -95,9 +95,6 @@ class Network:
 
         Returns:
             list of array: The outputs of the interface, in its order, or all if it names none.
-
-        Raises:
-            InputError: The model fails with these inputs.
         """
         try:
             names = [*(self._interface.outputs or self.outputs)]

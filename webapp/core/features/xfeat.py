@@ -62,9 +62,6 @@ class XFeatNetwork:
 
     Args:
         model: A published model file, already checked.
-
-    Raises:
-        MissingPart: onnxruntime is not installed.
     """
 
     def __init__(self, model: bytes) -> None:

@@ -146,12 +146,7 @@ class GeoreferenceFit:
 
 
 def check_positions(positions: Iterable[LatLon]) -> None:
-    """Reject invalid latitudes and longitudes.
-
-    Raises:
-        GeoreferenceError: Not finite or out of range; the hint says when latitude and longitude seem to be
-            swapped.
-    """
+    """Reject invalid latitudes and longitudes."""
     for lat, lon in positions:
         if abs(lat) <= 90.0 and abs(lon) <= 180.0:
             continue

@@ -164,9 +164,6 @@ def read_title(archive: Path, *, most_files: int) -> str | None:
 
     Returns:
         None if there is no title, or the map cannot be read: the import then reports why.
-
-    Raises:
-        StorageError: The file cannot be read.
     """
     try:
         if has_many_files(archive, limit=most_files):

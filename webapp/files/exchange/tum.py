@@ -41,9 +41,6 @@ def write(path: Path, poses: Iterable[PlanarPose], *, remarks: Iterable[str] = (
 
     Args:
         remarks: Comment lines for the top of the file, such as the frame and its unit.
-
-    Raises:
-        StorageError: The file cannot be written.
     """
     lines = [f"# {remark}" for remark in (*remarks, "timestamp tx ty tz qx qy qz qw")]
     for pose in poses:

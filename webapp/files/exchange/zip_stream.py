@@ -26,9 +26,6 @@ def stream_zip(members: Iterable[ZipMember]) -> Iterator[bytes]:
     """Yield a zip of some files, piece by piece.
 
     Files given by path are stored, since photos are compressed already; bytes and pieces are deflated.
-
-    Raises:
-        OSError: A file cannot be read.
     """
     sink = _Sink()
     with zipfile.ZipFile(sink, "w", allowZip64=True) as archive:

@@ -35,11 +35,7 @@ _MOST_OF_SIGACTION = 512
 
 
 def pycolmap() -> ModuleType:
-    """Import pycolmap and silence its log: a failure to join photos is a normal result.
-
-    Raises:
-        MissingPart: The extra `sfm` is not installed.
-    """
+    """Import pycolmap and silence its log: a failure to join photos is a normal result."""
     with extra("sfm"), _termination_kept():
         import pycolmap as module
     module.logging.minloglevel = int(module.logging.FATAL)

@@ -45,11 +45,7 @@ class OpenFile:
         weakref.finalize(self, file.close)
 
     def read(self, offset: int, into: NDArray[Any]) -> None:
-        """Fill an array with the bytes from `offset` on.
-
-        Raises:
-            IndexDamaged: The file is too short, or cannot be read.
-        """
+        """Fill an array with the bytes from `offset` on."""
         left = into.reshape(-1).view(np.uint8).data
         with self._lock:
             try:

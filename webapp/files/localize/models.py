@@ -224,11 +224,7 @@ def open_model(model: str, chosen: Path | None) -> object:
 
 
 def find_weights(model: str, chosen: Path | None) -> tuple[Path, ModelFile]:
-    """Find the installed file of a model; its content is not checked yet.
-
-    Raises:
-        MissingPart: There is none.
-    """
+    """Find the installed file of a model; its content is not checked yet."""
     file = installed(model, chosen)
     if file is None:
         hint = install_hint(MODELS[model][0])
@@ -247,12 +243,7 @@ def _matcher(model: str, path: Path, sha256: str) -> PairMatcher:
 
 
 def checked_weights(model: str, path: Path, *, sha256: str) -> bytes:
-    """Read a file of a model, and check its hash.
-
-    Raises:
-        MissingPart: The file has another hash.
-        StorageError
-    """
+    """Read a file of a model, and check its hash."""
     data = read_model(path)
     if hashlib.sha256(data).hexdigest() == sha256:
         return data
@@ -267,12 +258,7 @@ def checked_weights(model: str, path: Path, *, sha256: str) -> bytes:
 
 
 def read_model(path: Path) -> bytes:
-    """Read an ONNX file.
-
-    Raises:
-        InputError: It is larger than any such file can be.
-        StorageError: It cannot be read.
-    """
+    """Read an ONNX file."""
     if (_size(path) or 0) > _MOST_BYTES:
         raise InputError(
             f"it has more than {_MOST_BYTES / 1e9:.1f} GB, so it is not an ONNX file", where=path.name

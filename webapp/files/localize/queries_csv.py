@@ -69,9 +69,6 @@ def select(items: Sequence[T], limit: int | None) -> list[T]:
 
     Args:
         limit: None, or at least the number of items, takes all.
-
-    Raises:
-        UsageError: The limit is below 1.
     """
     if limit is None or limit >= len(items):
         return list(items)

@@ -49,11 +49,7 @@ def parse_cfg(data: str | bytes, *, where: str | None = None) -> CfgDocument:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Read the bytes of a map file.
-
-    Raises:
-        MapError: The file is missing, unreadable, or too large to be a map.
-    """
+    """Read the bytes of a map file."""
     try:
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
@@ -72,12 +68,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_cfg(path: Path) -> CfgDocument:
-    """Read a `.cfg` file strictly; without the files next to it (see `folder.read_map`).
-
-    Raises:
-        CfgError: Raised by `parse_cfg`.
-        MapError: Raised by `read_bytes`.
-    """
+    """Read a `.cfg` file strictly; without the files next to it (see `folder.read_map`)."""
     return parse_cfg(read_bytes(path), where=str(path))
 
 

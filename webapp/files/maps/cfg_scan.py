@@ -37,11 +37,7 @@ class CfgFieldError(Exception):
 
 
 def parse_name(text: str) -> str:
-    """Read the path of a photo or image.
-
-    Raises:
-        CfgFieldError: The path is empty, invalid, or leaves the map's folder.
-    """
+    """Read the path of a photo or image."""
     problem = name_problem(text)
     if problem:
         raise CfgFieldError(problem.code, problem.message, better=problem.better)

@@ -148,11 +148,7 @@ def write_map(cfg_path: Path, map_: Map, *, from_gps: Collection[int] = ()) -> N
 
 
 def placed_map(map_: Map, placement: Placement) -> Map:
-    """Return the map that a placement's own `.cfg` holds.
-
-    Raises:
-        MapError: The placement has an id that the map does not have.
-    """
+    """Return the map that a placement's own `.cfg` holds."""
     at = placement.positions
     unknown = sorted(set(at) - {e.id for e in map_.experiences})
     if unknown:

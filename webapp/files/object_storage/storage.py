@@ -107,11 +107,7 @@ def read_marker(inner: Path) -> tuple[str | None, str | None]:
 
 
 def check_marker(inner: Path, settings: Settings) -> bool:
-    """Return whether a library has a storage, and check that it is the one of the settings.
-
-    Raises:
-        StorageError: It is another one, or the settings name none.
-    """
+    """Return whether a library has a storage, and check that it is the one of the settings."""
     address = read_marker(inner)[0]
     if address is not None and address != settings.storage:
         raise StorageError(

@@ -70,9 +70,6 @@ def find_panorama(
     Args:
         source: A file, or its content.
         assume: Whether to also accept a photo that is twice as wide as high but not marked as a panorama.
-
-    Raises:
-        PhotoError: The photo cannot be read.
     """
     size = facts.width, facts.height
     if not is_whole_sphere(*size):  # saves reading most photos
@@ -146,11 +143,7 @@ def _number(text: str | None) -> float | None:
 
 
 def read_mask(source: Path, *, limits: PhotoLimits) -> tuple[BlurBox, ...]:
-    """Read a mask of panoramas: an image twice as wide as high, with masked parts black.
-
-    Raises:
-        PhotoError: It is not an image, has another aspect ratio, or would take too many boxes.
-    """
+    """Read a mask of panoramas: an image twice as wide as high, with masked parts black."""
     pixels = read_gray(source, limits=limits).pixels
     if not is_whole_sphere(pixels.shape[1], pixels.shape[0]):
         raise PhotoError("a mask must be twice as wide as high, like the panoramas", where=str(source))
@@ -193,12 +186,7 @@ class MountedCamera:
 
 
 def read_rig(path: Path) -> tuple[MountedCamera, ...]:
-    """Read the file of a rig.
-
-    Raises:
-        InputError: The file cannot be read.
-        MapJsonError: Its content is invalid.
-    """
+    """Read the file of a rig."""
     try:
         data = path.read_bytes()
     except OSError as error:

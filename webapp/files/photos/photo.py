@@ -103,11 +103,7 @@ class GrayPhoto:
 
 
 def read_file(path: Path, *, limits: PhotoLimits) -> bytes:
-    """Read the whole file of a photo.
-
-    Raises:
-        PhotoError: The file is missing, not a file, empty, unreadable, or exceeds the limit.
-    """
+    """Read the whole file of a photo."""
     try:
         check_bytes(path, limits)
         return path.read_bytes()
@@ -170,9 +166,6 @@ def read_upright(source: Path | bytes, *, limits: PhotoLimits, max_side: int | N
 
     Returns:
         (h, w, 3) uint8: Blue, green, red.
-
-    Raises:
-        PhotoError: As for `read_facts`, or the pixels are damaged or truncated.
     """
     pixels, _ = _scaled(_read(source, "RGB", limits=limits), max_side)
     return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), dtype=np.uint8)
@@ -200,9 +193,6 @@ def read_gray(source: Path | bytes, *, limits: PhotoLimits, max_side: int | None
     Args:
         source: A file, or its content; of several frames or pages, the first is read.
         max_side: Scale down to this many pixels on the longer side; never up.
-
-    Raises:
-        PhotoError: As for `read_facts`, or the pixels are damaged or truncated.
     """
     return scaled_gray(_read(source, "L", limits=limits), max_side)
 
@@ -325,9 +315,6 @@ def write_previews(
     Args:
         stem: Beginning of their names.
         blurred: Those with which the previews were made.
-
-    Raises:
-        StorageError: Writing failed; they can be made again from the photo.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for kind, data in previews.items():

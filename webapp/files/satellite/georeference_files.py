@@ -61,9 +61,6 @@ def read_corners(path: Path) -> Corners:
     """Read a corners file.
 
     Besides the corners it may only hold a `note`.
-
-    Raises:
-        GeoreferenceError: With the JSON path of the field, or line and column of a syntax error.
     """
     return parse_corners(read_bytes(path, error=GeoreferenceError), where=str(path))
 
@@ -106,9 +103,6 @@ def read_control_points(path: Path) -> list[ControlPoint]:
 
     Returns:
         At least one.
-
-    Raises:
-        TableError: The file cannot be read or is malformed, with the line.
     """
     qgis = _qgis_points(read_text(path, error=TableError).splitlines(), where=str(path))
     if qgis is not None:

@@ -244,11 +244,7 @@ def reduced(raster: Raster, max_side: int) -> Pixels:
 
 
 def image_kind(path: Path) -> Kind | None:
-    """Return the kind of an image by its first bytes; None if it is none of those that are shown.
-
-    Raises:
-        PhotoError: The file cannot be read.
-    """
+    """Return the kind of an image by its first bytes; None if it is none of those that are shown."""
     try:
         with path.open("rb") as file:
             head = file.read(8)

@@ -75,9 +75,6 @@ def answers_from_json(answers: Iterable[Mapping[str, Any]]) -> tuple[SheetAnswer
     """Read the best places from answers as printed by `localize --json`.
 
     Photos that are more probably not on the map are left out.
-
-    Raises:
-        KeyError, TypeError: These are not answers.
     """
     found = []
     for answer in answers:

@@ -33,10 +33,6 @@ def create(session: Session, name: str, *, is_owner: bool = False) -> Account:
 
     Args:
         is_owner: Whether it owns the whole library.
-
-    Raises:
-        UsageError: The name is empty or too long.
-        Conflict: The name is taken.
     """
     account = Account(name=_free_name(session, name), is_owner=is_owner)
     session.add(account)
@@ -45,11 +41,7 @@ def create(session: Session, name: str, *, is_owner: bool = False) -> Account:
 
 
 def rename(session: Session, account: Account, *, name: str) -> None:
-    """Rename an account.
-
-    Raises:
-        UsageError, Conflict: As for a new account.
-    """
+    """Rename an account."""
     account.name = _free_name(session, name, own=account.id)
 
 
@@ -92,10 +84,6 @@ def new_token(session: Session, account: Account, *, name: str) -> str:
 
     Returns:
         The token; only its hash is stored.
-
-    Raises:
-        UsageError: The name is empty or too long.
-        Conflict: The account already has a token of that name.
     """
     name = _checked_name(name)
     if any(token.name == name for token in tokens(session, account)):
@@ -130,11 +118,7 @@ def record_use(session: Session, token_id: int) -> None:
 
 
 def revoke_token(session: Session, account: Account, *, token_id: int) -> None:
-    """Revoke a token.
-
-    Raises:
-        NotFound: The account does not have this token.
-    """
+    """Revoke a token."""
     token = session.get(ApiToken, token_id)
     if token is None or token.account_id != account.id:
         raise NotFound("token not found", hint="reload the page")
@@ -193,11 +177,7 @@ def set_member_role(session: Session, record: MapRecord, *, account: Account, ro
 
 
 def remove_member(session: Session, record: MapRecord, *, account: Account) -> None:
-    """Stop sharing a map with an account; no error if it was not shared with it.
-
-    Raises:
-        UsageError: The map would have no owner.
-    """
+    """Stop sharing a map with an account; no error if it was not shared with it."""
     member = session.get(Member, (record.id, account.id))
     if member is not None:
         _keep_an_owner(session, member)

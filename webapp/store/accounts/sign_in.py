@@ -46,11 +46,7 @@ def new_link(session: Session, account: Account, *, hours: int) -> str:
 
 
 def link_account(session: Session, token: str) -> Account:
-    """Return the account of a sign-in link, without using it up.
-
-    Raises:
-        NotSignedIn: The link is unknown, used or expired.
-    """
+    """Return the account of a sign-in link, without using it up."""
     link = session.get(SignInLink, accounts.hashed(token))
     if link is None or link.used_at is not None or link.expires_at < now():
         raise NotSignedIn(
@@ -72,11 +68,7 @@ def redeem_link(session: Session, token: str) -> Account:
 
 
 def password_hash(password: str, *, minimum: int) -> str:
-    """Hash a password; this takes a tenth of a second, so do not do it in a write transaction.
-
-    Raises:
-        UsageError: The password is too short or too long.
-    """
+    """Hash a password; this takes a tenth of a second, so do not do it in a write transaction."""
     if not minimum <= len(password) <= _MAX_PASSWORD:
         raise UsageError(
             f"a password has at least {minimum} characters", hint="a few words are easy to remember"

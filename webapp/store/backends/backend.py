@@ -47,9 +47,6 @@ class Backend(ABC):
 
         Args:
             threads: Number of threads that use it in parallel.
-
-        Raises:
-            MissingPart: The driver is not installed.
         """
 
     @abstractmethod
@@ -58,11 +55,7 @@ class Backend(ABC):
 
     @abstractmethod
     def migration(self, connection: Connection) -> AbstractContextManager[None]:
-        """Check the database, and prevent concurrent migrations.
-
-        Raises:
-            StorageError: The database cannot hold a library.
-        """
+        """Check the database, and prevent concurrent migrations."""
 
     @abstractmethod
     def expanded_since(self, connection: Connection) -> str | None:

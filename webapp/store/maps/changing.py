@@ -33,9 +33,6 @@ def change_map(session: Session, map_id: int) -> Iterator[MapChange]:
 
     Args:
         session: A writing one, which the caller commits.
-
-    Raises:
-        NotFound: The map does not exist.
     """
     record = session.get(MapRecord, map_id, with_for_update=True)
     if record is None:

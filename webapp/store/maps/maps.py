@@ -42,9 +42,6 @@ def create(session: Session, name: str, *, account_id: int, folders: Collection[
 
     Args:
         folders: Existing folders of the library, whose names cannot become the map's slug.
-
-    Raises:
-        UsageError: The name is empty or too long.
     """
     record = MapRecord(name=checked_name(name), slug=_free_slug(session, name, folders))
     session.add(record)
@@ -68,9 +65,6 @@ def rename(record: MapRecord, name: str, *, description: str | None = None) -> N
 
     Args:
         description: What the map is, for visitors; empty for none. None keeps it.
-
-    Raises:
-        UsageError: The name is empty or too long, or the description is too long or not printable.
     """
     wanted = (
         checked_name(name),
@@ -275,11 +269,7 @@ def photos_by_id(session: Session, record: MapRecord, ids: Collection[int]) -> d
 
 
 def present_photos(session: Session, record: MapRecord, ids: Collection[int]) -> dict[int, Photo]:
-    """Fetch many photos, none of which may be removed.
-
-    Raises:
-        NotFound: The map does not have one of them, or it was removed.
-    """
+    """Fetch many photos, none of which may be removed."""
     found = photos_by_id(session, record, ids)
     for id in ids:
         if id not in found or found[id].removed:

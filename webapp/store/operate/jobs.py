@@ -150,9 +150,6 @@ def retry(session: Session, job: Job) -> Job:
 
     Returns:
         The same, or an equal one that is already waiting.
-
-    Raises:
-        Conflict: The job has not ended, or is done.
     """
     if job.state not in ("failed", "cancelled"):
         raise Conflict(f"this job is {job.state} and cannot be retried", hint="reload the page")

@@ -55,9 +55,6 @@ def copy_to(database: Database, target: Path, *, readers: Mapping[str, Reader]) 
 
     Returns:
         Of the copy.
-
-    Raises:
-        StorageError, DiskFull: The disk or the database failed.
     """
     try:
         if database.engine.dialect.name != "sqlite":
@@ -94,9 +91,6 @@ def check(path: Path, *, readers: Mapping[str, Reader]) -> SnapshotContents:
 
     Args:
         readers: Read further records with files.
-
-    Raises:
-        StorageError: The file is damaged, or not the database of a library.
     """
     try:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as database:

@@ -287,9 +287,6 @@ def do_part(part: bytes, shared: SharedValue, *, terms: bytes, native_threads: i
         shared: First argument of the function.
         terms: `WorkerRequirements`, pickled.
         native_threads: Number of threads for Faiss, limited to the cores of this machine.
-
-    Raises:
-        UsageError: This worker does not meet the terms.
     """
     with extra("cluster"):
         from distributed import get_worker

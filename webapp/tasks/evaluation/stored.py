@@ -56,11 +56,7 @@ def keep(cfg: Path, evaluations: Sequence[Evaluation]) -> list[dict[str, Any]]:
 
 
 def read(cfg: Path) -> tuple[StoredEvaluation, ...]:
-    """Read the last evaluation; an empty tuple if there is none.
-
-    Raises:
-        StorageError: The file cannot be read.
-    """
+    """Read the last evaluation; an empty tuple if there is none."""
     forms = read_forms(cfg)
     try:
         return tuple(_kept(form, _written(cfg)) for form in forms)
@@ -69,11 +65,7 @@ def read(cfg: Path) -> tuple[StoredEvaluation, ...]:
 
 
 def read_forms(cfg: Path) -> list[dict[str, Any]]:
-    """Read the last evaluation as JSON objects; an empty list if there is none.
-
-    Raises:
-        StorageError: The file cannot be read.
-    """
+    """Read the last evaluation as JSON objects; an empty list if there is none."""
     try:
         forms: list[dict[str, Any]] = json.loads(_path(cfg).read_text(encoding="utf-8"))
     except FileNotFoundError:

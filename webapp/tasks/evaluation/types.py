@@ -16,11 +16,7 @@ Scheme = Literal["queries", "leave-one-out", "leave-one-place-out"]
 
 class Localize(Protocol):
     def __call__(self, photo_path: Path, *, top: int, hide: frozenset[int] = frozenset()) -> Answer:
-        """Localize a photo as if the experiences `hide` were not on the map.
-
-        Raises:
-            PhotoError: The photo cannot be used.
-        """
+        """Localize a photo as if the experiences `hide` were not on the map."""
 
 
 class Localizer(Protocol):

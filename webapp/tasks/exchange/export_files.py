@@ -150,11 +150,7 @@ def texts_of(map_: Map) -> dict[str, bytes]:
 
 
 def export_map_kml(source: Source) -> Download:
-    """Return the photos of a map as KML.
-
-    Raises:
-        UsageError: The map has no georeference.
-    """
+    """Return the photos of a map as KML."""
     data = format_kml(source.map, source.georeference(), title=source.title)
     return Download(f"{source.name}.kml", "application/vnd.google-earth.kml+xml", data)
 
@@ -164,9 +160,6 @@ def export_map_kmz(source: Source, *, settings: Settings, progress: Progress | N
 
     Args:
         progress: One step per photo.
-
-    Raises:
-        UsageError: The map has no georeference.
     """
     source.georeference()
     pieces = stream_zip(_kmz_members(source, settings=settings, progress=progress or Progress()))
@@ -193,11 +186,7 @@ def _kmz_members(source: Source, *, settings: Settings, progress: Progress) -> I
 
 
 def export_map_geojson(source: Source) -> Download:
-    """Return the photos of a map as points on the Earth.
-
-    Raises:
-        UsageError: The map has no georeference.
-    """
+    """Return the photos of a map as points on the Earth."""
     data = format_geojson(source.map, source.georeference(), title=source.title)
     return Download(f"{source.name}.geojson", "application/geo+json", data)
 
@@ -214,11 +203,7 @@ class AnswerRange:
 
 
 def export_answers(library: Library, map_id: int, *, form: AnswerFormat, which: AnswerRange) -> Download:
-    """Write answers of a map, the oldest first.
-
-    Raises:
-        NotFound: The map does not exist.
-    """
+    """Write answers of a map, the oldest first."""
     with library.database.read() as session:
         record = session.get_one(MapRecord, map_id)
         found = queries.answers(

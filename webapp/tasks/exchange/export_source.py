@@ -88,11 +88,7 @@ def of_library(library: Library, map_id: int) -> Source:
 
 
 def of_folder(cfg: Path, *, title: str | None = None) -> Source:
-    """Read the map of any `.cfg` file.
-
-    Raises:
-        MapError: It cannot be read.
-    """
+    """Read the map of any `.cfg` file."""
     title = title or cfg.resolve().parent.name
     map_ = read_map(cfg)
     blurred = {e.id: e.blurred for e in map_.experiences}

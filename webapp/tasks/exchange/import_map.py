@@ -73,12 +73,7 @@ def choose_map(unpacked: UnpackedMap) -> Path:
 
 
 def add_placements(cfg: Path) -> None:
-    """Add the other `.cfg` files next to a valid map to its `map.json`, as placements.
-
-    Raises:
-        InputError: One is not a placement of this map.
-        MapError: One cannot be read.
-    """
+    """Add the other `.cfg` files next to a valid map to its `map.json`, as placements."""
     there = {cfg, *_known_placements(cfg)}
     others = [path for path in sorted(cfg.parent.glob("*.cfg")) if path not in there]
     if not others:

@@ -80,31 +80,20 @@ def export_geotagged(source: Source, *, limits: PhotoLimits, progress: Progress 
 
     A photo that cannot be written has an XMP sidecar instead, if its position is known; `not-written.txt`
     lists these photos with the reason.
-
-    Raises:
-        UsageError: The map has no georeference.
     """
     members = _members(source, source.georeference(), limits=limits, progress=progress or Progress())
     return Download(f"{source.name}-photos.zip", "application/zip", stream_zip(members))
 
 
 def export_sidecars(source: Source, *, limits: PhotoLimits) -> Download:
-    """Return a zip with an XMP file for each photo, generated while it is streamed.
-
-    Raises:
-        UsageError: The map has no georeference.
-    """
+    """Return a zip with an XMP file for each photo, generated while it is streamed."""
     tags = _tags(source, source.georeference(), limits=limits)
     members = (ZipMember(f"{name}.xmp", format_xmp(tag)) for name, tag in tags)
     return Download(f"{source.name}-xmp.zip", "application/zip", stream_zip(members))
 
 
 def export_exiftool_csv(source: Source, *, limits: PhotoLimits) -> Download:
-    """Return a table from which exiftool can tag the photos.
-
-    Raises:
-        UsageError: The map has no georeference.
-    """
+    """Return a table from which exiftool can tag the photos."""
     tags = _tags(source, source.georeference(), limits=limits)
     return Download(f"{source.name}.csv", "text/csv; charset=utf-8", format_exiftool_csv(tags))
 
@@ -180,11 +169,7 @@ def _geotagged(
 
 
 def _geotag(e: Experience, georeference: Georeference, *, gps: Gps | NoGps | None) -> Geotag:
-    """Return the geotag of a photo, marked as GPS if its place agrees with the position in EXIF.
-
-    Raises:
-        PhotoError: Its place on the map has no position on the Earth.
-    """
+    """Return the geotag of a photo, marked as GPS if its place agrees with the position in EXIF."""
     at = georeference.latlon_of(e.position)
     if not (abs(at.lat) <= 90.0 and abs(at.lon) <= 180.0):  # or NaN: beyond the horizon
         raise PhotoError("its position on the map has no coordinates on the Earth")

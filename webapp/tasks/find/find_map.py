@@ -74,11 +74,7 @@ class MapRanking:
         self._maps: dict[int, tuple[str, NDArray[np.float16]]] = {}
 
     def rank(self, records: Sequence[MapRecord], photo: Path) -> RankedMaps:
-        """Sort maps by similarity, the most similar first; those that cannot be compared yet are separate.
-
-        Raises:
-            PhotoError: The photo cannot be used.
-        """
+        """Sort maps by similarity, the most similar first; those that cannot be compared yet are separate."""
         with self._lock:
             self._refresh()
             basis, maps = self._basis, {r.id: self._maps[r.id][1] for r in records if r.id in self._maps}

@@ -38,9 +38,6 @@ def library_of(cfg: Path, *, settings: Settings) -> Iterator[tuple[Library, int]
     """Open the library that a map file belongs to; yield it with the map's id, or None if there is none.
 
     The map file is updated first.
-
-    Raises:
-        StorageError: The records or the object storage cannot be used, or the library has another storage.
     """
     folder = cfg.resolve().parent
     if cfg.name != "map.cfg" or not has_library(folder.parent):

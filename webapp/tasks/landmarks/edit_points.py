@@ -109,11 +109,7 @@ def photo_sizes(cfg: Path, limits: PhotoLimits) -> Size:
 
 
 def points_from(rows: Sequence[PointRow], the_map: Map, *, size: Size) -> dict[str, GroundControlPoint]:
-    """Make control points from the rows of a table; several rows of a point must agree.
-
-    Raises:
-        TableError: A row is not valid; gives its line.
-    """
+    """Make control points from the rows of a table; several rows of a point must agree."""
     everyone = all_photos(the_map)
     together: dict[str, list[PointRow]] = {}
     for row in rows:

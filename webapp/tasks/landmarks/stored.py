@@ -132,11 +132,7 @@ def _one_writer(cfg: Path) -> Iterator[None]:
 
 
 def read(cfg: Path) -> dict[str, Any] | None:
-    """Read the stored suggestions: `revision` and the fields of `as_json`; None if there are none.
-
-    Raises:
-        StorageError: The file is damaged.
-    """
+    """Read the stored suggestions: `revision` and the fields of `as_json`; None if there are none."""
     try:
         content: dict[str, Any] = json.loads(_path(cfg).read_bytes())
     except FileNotFoundError:
@@ -154,12 +150,7 @@ def is_of_image(photo: Mapping[str, Any], satellite_revision: int) -> bool:
 
 
 def suggested_of(cfg: Path, ids: Iterable[int], *, satellite_revision: int = 0) -> list[SuggestedPlace]:
-    """Return the suggestions for some photos, except those for a replaced image.
-
-    Raises:
-        NotFound: There is none for one of them.
-        StorageError
-    """
+    """Return the suggestions for some photos, except those for a replaced image."""
     records = [
         photo
         for photo in (read(cfg) or _NOTHING)["photos"]
@@ -180,12 +171,7 @@ def suggested_of(cfg: Path, ids: Iterable[int], *, satellite_revision: int = 0) 
 
 
 def corrected_of(cfg: Path, ids: Iterable[int]) -> list[CorrectedPlace]:
-    """Return the corrections of some photos.
-
-    Raises:
-        NotFound: There is none for one of them.
-        StorageError
-    """
+    """Return the corrections of some photos."""
     records = (read(cfg) or {"corrected": []})["corrected"]
     return [
         CorrectedPlace(

@@ -128,10 +128,6 @@ def read(
 
     Args:
         decoded: Normalised names of photos that are known to be complete.
-
-    Raises:
-        MapError: The folder cannot be read as a map.
-        Cancelled: The user stopped it.
     """
     sha256 = file_sha256(cfg)  # before reading: a change in between is detected as an outside edit
     map_ = read_map(cfg)

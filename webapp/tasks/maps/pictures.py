@@ -130,12 +130,7 @@ class NewBlur(NamedTuple):
 
 
 def original(library: Library, slug: str, *, photo: Photo) -> Path:
-    """Find the original file of a photo.
-
-    Raises:
-        NotFound: It is missing on the disk.
-        MapError: Its path leads out of the map's folder, perhaps by a link.
-    """
+    """Find the original file of a photo."""
     cfg = library.cfg(slug)
     with show_file_as(photo.name, cfg):
         path = photo_path(cfg, photo.path)
@@ -157,11 +152,7 @@ def file_of(library: Library, slug: str, *, photo: Photo) -> PhotoFile:
 
 
 def boxes_in_exports(library: Library, map_id: int, *, photo_id: int) -> tuple[BlurBox, ...]:
-    """Return the boxes to blur in a photo of a map for those who receive an export.
-
-    Raises:
-        NotFound: The map or the photo was deleted meanwhile.
-    """
+    """Return the boxes to blur in a photo of a map for those who receive an export."""
     with library.database.read() as session:
         record = session.get(MapRecord, map_id)
         if record is None:

@@ -90,9 +90,6 @@ def place_by_list(
 
     Returns:
         As from `preview` just before.
-
-    Raises:
-        TableError, TrackError, MapError, UsageError: See `preview`.
     """
     positions = _read(listed)
     with library.changing(map_id) as change:

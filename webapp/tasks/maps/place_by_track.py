@@ -114,9 +114,6 @@ def place_by_track(
 
     Returns:
         As from `preview` just before.
-
-    Raises:
-        UsageError: The map has no satellite image, or the image has no georeference.
     """
     with library.changing(map_id) as change:
         session, record = change.session, change.record

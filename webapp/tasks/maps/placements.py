@@ -81,11 +81,7 @@ def _gathered(
 
 
 def delete(library: Library, map_id: int, *, name: str, account_id: int) -> int | None:
-    """Delete a placement, but not its photos or their positions on the map; return the edit's revision.
-
-    Raises:
-        NotFound: There is no placement with this name.
-    """
+    """Delete a placement, but not its photos or their positions on the map; return the edit's revision."""
     with library.changing(map_id) as change:
         session, record = change.session, change.record
         ids = _placed(session, record, name)

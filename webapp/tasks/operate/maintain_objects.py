@@ -67,9 +67,6 @@ def move_photos(library: Library, *, stops: Callable[[], bool] = lambda: False) 
 
     Returns:
         Number of files stored.
-
-    Raises:
-        StorageError: See `move_locked_photos`.
     """
     if in_use() is None:
         return 0
@@ -202,11 +199,7 @@ def _unnamed(
 
 
 def pointed_files(folder: Path) -> Iterator[Path]:
-    """Find the paths of all files that have pointers in the folder of a library.
-
-    Raises:
-        StorageError: The folder cannot be read completely.
-    """
+    """Find the paths of all files that have pointers in the folder of a library."""
 
     def fail(error: OSError) -> None:
         raise StorageError(

@@ -75,9 +75,6 @@ def removed_if_refused(library: Library, map_id: int, *, name: str) -> Iterator[
 
     Args:
         name: File name of the image in the map's folder.
-
-    Raises:
-        UsageError: Passed on from the block.
     """
     try:
         yield

@@ -174,9 +174,6 @@ def upright_copy(
         path: A missing or unreadable file can be used as it is: its reader reports it.
         described: Size that a map states. If only the stored pixels have it, they are kept as they are,
             without the orientation.
-
-    Raises:
-        PhotoError, StorageError: See `as_shown`.
     """
     try:
         shape = _shape(path, settings)
@@ -203,9 +200,6 @@ def make_plan_upright(cfg: Path, *, scratch: Path, settings: Settings) -> None:
     Args:
         cfg: A map that cannot be read is left as it is: the linter reports it.
         scratch: On the same disk.
-
-    Raises:
-        PhotoError, StorageError: See `as_shown`.
     """
     try:
         map_ = read_cfg(cfg).map

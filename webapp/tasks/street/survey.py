@@ -128,11 +128,7 @@ def services(settings: StreetSettings) -> dict[SourceKey, StreetService]:
 
 
 def open_service(source: SourceKey, settings: StreetSettings) -> tuple[StreetService, PoliteClient]:
-    """Return a service and its client; no request is sent yet.
-
-    Raises:
-        NotFound: It is not configured.
-    """
+    """Return a service and its client; no request is sent yet."""
     service = services(settings).get(source)
     if service is None:
         needed = "street.panoramax" if source == "panoramax" else "street.mapillary_token"
@@ -216,11 +212,7 @@ def part_ids(photo: StreetPhoto, panoramas: PanoramaWish) -> tuple[str, ...]:
 
 @contextmanager
 def _stopping(client: PoliteClient, *, progress: Progress, limit_s: float | None) -> Iterator[None]:
-    """Stop a client at the end of the block, or after the time limit even if it is waiting.
-
-    Raises:
-        InputError: The limit was reached.
-    """
+    """Stop a client at the end of the block, or after the time limit even if it is waiting."""
     timer = None if limit_s is None else threading.Timer(limit_s, client.stop)
     try:
         if timer is not None:

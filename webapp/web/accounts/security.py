@@ -183,9 +183,6 @@ def secret_key(folder: Path) -> str:
 
     Returns:
         64 hexadecimal digits.
-
-    Raises:
-        StorageError: The file cannot be written, or does not contain a key.
     """
     path = folder / _NAME
     try:

@@ -58,11 +58,7 @@ def bearer() -> str | None:
 
 
 def signed_in() -> Account | None:
-    """Return the caller's account; a token takes precedence over a session.
-
-    Raises:
-        NotSignedIn: The token is unknown.
-    """
+    """Return the caller's account; a token takes precedence over a session."""
     if "expmap_account" not in g:
         g.expmap_account = None  # so that the error response for an unknown token does not look it up again
         token = bearer()

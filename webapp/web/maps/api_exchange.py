@@ -227,11 +227,7 @@ def _by_job(name: str, token: str) -> dict[str, Any]:
 
 
 def _name_of(given: str | None, archive: Path, filename: str | None) -> str:
-    """Choose the name of an imported map: the given one, its title in the archive, or the file name.
-
-    Raises:
-        UsageError: The given name is not valid.
-    """
+    """Choose the name of an imported map: the given one, its title in the archive, or the file name."""
     if given:
         return maps.checked_name(given)
     stem = PurePosixPath(tidy_name(filename or "").replace("\\", "/")).stem
