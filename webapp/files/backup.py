@@ -68,7 +68,6 @@ class Archive:
 
         Raises:
             FileNotFoundError: The file does not exist, or was deleted; nothing was added.
-            OSError
         """
         if name in self.files:
             return
@@ -158,7 +157,6 @@ def unpack(path: Path, folder: Path, *, place: Callable[[str], Path], progress: 
     Raises:
         InputError: The file is not a backup, or is damaged: discard the files unpacked so far.
         StorageError, DiskFull: Reading or writing failed.
-        Cancelled
     """
 
     @contextmanager

@@ -94,7 +94,6 @@ def run(
         TooSlow: Reading takes more time than the budget.
         TrackError: Reading takes more memory than the budget, or the reader failed.
         ExpMapError: Whatever the function raises.
-        Cancelled
     """
     if not hasattr(os, "fork"):
         yield from import_name(target)(**arguments)

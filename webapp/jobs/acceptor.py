@@ -247,7 +247,6 @@ class SendingEnd(socket.socket):
 
         Raises:
             BlockingIOError: The queue is full.
-            TooManyPassed
         """
         try:
             socket.send_fds(self, [_MARK], [connection.fileno()])

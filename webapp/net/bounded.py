@@ -194,7 +194,6 @@ def download(address: str, *, size: int, progress: Progress) -> bytes:
 
     Raises:
         InputError: The host does not answer, or not with a file of this size.
-        Cancelled
     """
     progress.size(-(-size // CHUNK))
 

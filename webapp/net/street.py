@@ -117,7 +117,6 @@ def list_photos(
     Raises:
         UsageError: The area has more, or is too large for the service.
         InputError, TooMany: The service does not answer, or not with a list of photos.
-        Cancelled
     """
     found: dict[str, StreetPhoto] = {}
     unusable: set[str] = set()

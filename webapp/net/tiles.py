@@ -80,7 +80,6 @@ class TileFetcher:
         Raises:
             InputError: The service does not answer, refuses, or does not send an image.
             StorageError: The cache cannot be written.
-            Cancelled
         """
         todo = iter(tiles)
         pool = ContextThreads(self._settings.parallel)

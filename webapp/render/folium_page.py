@@ -97,7 +97,6 @@ def export_map_page(source: Source, *, settings: Settings, progress: Progress | 
 
     Raises:
         UsageError: The map has too many photos for one page.
-        Cancelled
     """
     if len(source.map.experiences) > MAX_PHOTOS:
         raise UsageError(

@@ -93,7 +93,6 @@ def make_sample(
     Raises:
         UsageError: The folder holds something else, or a different or damaged sample and `force` is not
             given.
-        StorageError: Writing failed; nothing was changed.
         Cancelled: Nothing was changed.
     """
     folder = settings.library / "sample" if folder is None else folder

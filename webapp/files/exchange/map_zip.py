@@ -96,7 +96,6 @@ def unpack(
         InputError: The file is not a zip, is damaged or encrypted, has paths outside its folder or duplicate
             names, or exceeds the limits.
         StorageError: Writing failed, or the disk is too full (`DiskFull`).
-        Cancelled
     """
     _check_number(archive, limits)
     with _zip_errors(archive.name), zipfile.ZipFile(archive) as opened:

@@ -243,7 +243,6 @@ def read_search_index(path: Path, kind: Kind, *, mapped: bool = True, digest: st
 
     Raises:
         StorageError: The file is an object, and the storage or the disk of the cache failed.
-        IndexDamaged
     """
     path = present(path)
     try:

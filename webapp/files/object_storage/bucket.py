@@ -71,7 +71,6 @@ class Bucket:
 
     Raises:
         UsageError: The address is malformed, or boto3 cannot use the configuration that it finds.
-        MissingPart
     """
 
     def __init__(self, url: str, *, timeout_s: float = TIMEOUT_S) -> None:

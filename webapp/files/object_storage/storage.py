@@ -35,7 +35,6 @@ class ObjectStorage:
         Raises:
             StorageError: The disk failed, or the file changed meanwhile; nothing refers to an object stored
                 anyway.
-            StorageUnavailable, DiskFull
         """
         facts = file.stat()
         sha256 = sha256_of(file)

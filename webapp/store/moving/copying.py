@@ -100,7 +100,6 @@ def copy_records(source: Connection, target: Database, *, progress: Progress) ->
     Raises:
         SourceChanged: The source has changed since an earlier copy.
         StorageError, DiskFull: The database refused rows, or returns different ones.
-        Cancelled
     """
     tables = _tables(source)
     rows = {table.name: _count(source, table) for table in tables}

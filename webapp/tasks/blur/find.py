@@ -134,7 +134,6 @@ def search_photo(
     Raises:
         PhotoError: The photo is damaged or cannot be read.
         Busy: Too many other photos are being decoded.
-        StorageError
     """
     sha256 = _sha256(file)
     known = kept.read().get(sha256)
@@ -271,7 +270,6 @@ def accept_in_library(
     Raises:
         Conflict: The boxes of a photo were changed concurrently, twice, or another worker has taken over the
             job.
-        StorageError, Busy, Cancelled
     """
     wanted, blurred, failed = list(suggested), [], []
     progress.size(len(wanted))

@@ -58,7 +58,6 @@ def in_order(
         ClusterUnavailable: The Dask scheduler cannot be reached, or the connection to it is lost.
         UsageError: Dask workers have other versions, or cannot access the folder.
         MissingPart: The extra `cluster` is not installed.
-        Cancelled
     """
     todo = deque(islice(items := iter(items), 1))
     if not todo:

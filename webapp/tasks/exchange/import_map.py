@@ -164,7 +164,6 @@ def import_map(
     Raises:
         InputError: It is not a zip, is not safe, or holds no map or several.
         MapRefused: The map has errors; with the findings of the linter.
-        StorageError, UsageError, Cancelled
     """
     name = maps.checked_name(name)
     with _unpacked(library, archive, settings=settings, progress=progress or Progress()) as found:

@@ -57,7 +57,6 @@ def write_exif(
     Raises:
         UsageError: The map has no georeference, `out` is its own folder, or the photos of a library would be
             changed.
-        StorageError: A file cannot be written.
         Cancelled
     """
     georeference = source.georeference()

@@ -211,7 +211,6 @@ def find_map(
         PhotoError: The photo cannot be used.
         Busy, StorageUnavailable: No map could be searched: the process is busy, maps are being opened, or
             their storage is unavailable.
-        Cancelled
     """
     begun = time.perf_counter()
     progress = progress or Progress()

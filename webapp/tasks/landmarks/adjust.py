@@ -73,7 +73,6 @@ def adjust_submodels(
 
     Raises:
         IndexDamaged: The reconstruction is gone from the disk.
-        StorageError, ProcessLost, Cancelled
     """
     with writer_lock(found.shared, wait_s=wait_s):
         rigid, now = (read_submodels(found.folder / name) for name in (RIGID_FILE, SUBMODELS_FILE))

@@ -50,7 +50,6 @@ def run_mapper(job: MappingJob, *, progress: Progress) -> list[Model]:
 
     Raises:
         ProcessLost: The process was killed.
-        Cancelled
     """
     return _run_apart(map_photos, job, progress=progress)
 

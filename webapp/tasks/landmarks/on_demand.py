@@ -236,7 +236,6 @@ def reconstruct_part(
     Raises:
         StorageError: The time limit was exceeded; finished steps are kept, and the next call resumes there.
         MissingPart: The extra `sfm` is not installed.
-        ProcessLost, Cancelled
     """
     budget_s = settings.landmarks.around_s
     until_s = time.monotonic() + budget_s

@@ -112,7 +112,6 @@ def suggest_rest(cfg: Path, *, settings: Settings, progress: Progress, check: bo
         MapError: The map cannot be read.
         UsageError: No photo is left to be placed or corrected.
         MissingPart: The extra `sfm` is not installed.
-        StorageError, ProcessLost, Cancelled
     """
     pycolmap()  # fail early if the extra is missing
     the_map = read_map(cfg)

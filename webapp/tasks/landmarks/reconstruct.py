@@ -103,7 +103,6 @@ def reconstruct(
 
     Raises:
         MissingPart: The extra `sfm` is not installed.
-        StorageError, ProcessLost, Cancelled
     """
     photos = _in_order(the_map)
     pictures: list[AnyPhoto] = []

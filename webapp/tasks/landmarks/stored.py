@@ -229,7 +229,6 @@ def export_models(
 
     Raises:
         IndexDamaged: A model cannot be read, or was replaced meanwhile.
-        StorageError
     """
     submodels = read_submodels(folder / SUBMODELS_FILE)
     sources = [*(adjusted_folders(folder, submodels) if submodels else []), *model_folders(folder)]

@@ -52,7 +52,6 @@ def edit_map(library: Library, map_id: int, *, edit: RequestedEdit, account_id: 
     Raises:
         UsageError: A position is outside the image, or a value is not valid.
         Conflict: One of the photos was changed after `seen`.
-        NotFound
     """
     if edit.kind not in KINDS:
         raise UsageError(f"{edit.kind!r} is not a kind of edit", where="kind", hint=f"use {', '.join(KINDS)}")
@@ -228,7 +227,6 @@ def change_note(
     Raises:
         NotFound: The note, or one of its photos, does not exist.
         Conflict: The note was changed after `seen`.
-        UsageError
     """
     with library.changing(map_id) as change:
         there = _found(change.record, note.id)

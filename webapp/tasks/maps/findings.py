@@ -217,7 +217,6 @@ def fix_findings(
         UsageError: The fix does not exist or is not applicable.
         NotFound: The map has no such photo.
         Conflict: There is nothing left to fix.
-        MapError, PhotoError, StorageError
     """
     if fix not in FIX_NAMES:
         raise UsageError(f"unknown fix {fix!r}", where="code", hint=f"use one of {', '.join(FIX_NAMES)}")

@@ -116,7 +116,6 @@ def discard(library: Library, map_id: int, *, sha256: str) -> None:
 
     Raises:
         Conflict: The file has changed since it was shown.
-        StorageError
     """
     with library.database.read() as session:
         cfg = library.cfg(_record(session.get(MapRecord, map_id)).slug)

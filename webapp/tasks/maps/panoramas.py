@@ -83,7 +83,6 @@ def cut_panoramas(
 
     Raises:
         UsageError: There is no photo, or the views would be among the panoramas.
-        StorageError, Cancelled
     """
     if out.resolve().is_relative_to(folder.resolve()):
         raise UsageError(
@@ -123,7 +122,6 @@ def cut_panorama(
 
     Raises:
         PhotoError: It is damaged, or not a full panorama.
-        StorageError
     """
     content = read_file(path, limits=limits)
     facts = read_facts(content, limits=limits)
@@ -198,7 +196,6 @@ def join_panoramas(
 
     Raises:
         UsageError: No photo belongs to any camera, or the panoramas would be among the photos.
-        StorageError, Cancelled
     """
     if out.resolve().is_relative_to(folder.resolve()):
         raise UsageError(

@@ -184,7 +184,6 @@ def blur_photo(
     Raises:
         UsageError: A box is not valid, or there are too many.
         Conflict: The boxes were changed concurrently, or since `wanted.seen`; nothing was changed.
-        NotFound, PhotoError, StorageError
     """
     boxes = [_checked(box) for box in wanted.boxes]
     if len(boxes) > MOST_BOXES:

@@ -43,7 +43,6 @@ def put(
     Raises:
         UsageError: The name collides with another file, a position is outside the image, or no photo is
             placed.
-        MapError: The name is not valid.
         NotFound: A photo is not placed on the map.
     """
     with library.changing(map_id) as change:

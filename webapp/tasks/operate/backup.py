@@ -120,7 +120,6 @@ def back_up(
             process has not opened its storage.
         StorageError, DiskFull: The disk or the object storage failed; an older backup of that name is
             unchanged.
-        Cancelled
     """
     if in_use() is None:
         refuse_objects(library.inner, doing="this backup")
@@ -313,7 +312,6 @@ def restore(
         Conflict: A server or a worker is running on the library.
         InputError: The file is not a backup, or is damaged; nothing was changed.
         StorageError, DiskFull: The disk failed.
-        Cancelled
     """
     folder = folder.absolute()
     manifest = read_manifest(archive)

@@ -173,7 +173,6 @@ def fetch(file: ModelFile, source: Path | None, *, settings: Settings, progress:
 
     Raises:
         InputError: The content differs from the published file.
-        StorageError, Cancelled
     """
     if source is not None:
         came_from = str(source / file.name)
@@ -200,7 +199,6 @@ def accept(model: str, source: Path, *, settings: Settings, models: Models = MOD
         NotFound: The model does not exist.
         InputError: It is neither.
         MissingPart: onnxruntime is not installed.
-        StorageError
     """
     if model not in models:
         raise NotFound(f"unknown model {model!r}", where="models", hint="reload the page")

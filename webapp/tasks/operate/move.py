@@ -117,7 +117,6 @@ def move_to_file(folder: Path, url: str | None, *, progress: Progress) -> MoveRe
         NotFound: There is no library in the folder.
         UsageError: Its records are in SQLite already, there is no address, or photos of the library are in
             S3.
-        Conflict, StorageError, DiskFull, MissingPart, Cancelled: See `move_to_server`.
     """
     inner = folder.resolve() / INNER
     refuse_objects(inner, doing="a library in SQLite")
@@ -319,7 +318,6 @@ def move_to_storage(library: Library, settings: Settings, *, progress: Progress)
         UsageError: The settings name no storage.
         Busy: The worker has not finished in time.
         StorageError: Some files could not be stored and remain in the folder.
-        Cancelled
     """
     if settings.storage is None:
         raise UsageError(
@@ -382,7 +380,6 @@ def move_to_folder(folder: Path, settings: Settings, *, progress: Progress) -> O
         Conflict: The library is in use.
         StorageUnavailable, DiskFull, StorageError: The disk or the storage failed, or objects are lost; those
             fetched before remain as files.
-        NotFound, Busy, Cancelled
     """
     inner = folder.resolve() / INNER
     with alone(inner):

@@ -78,7 +78,6 @@ def set_image(changing: Changing, map_id: int, *, new: NewImage, choice: ImageCh
 
     Raises:
         UsageError: Placed photos would not lie on it; nothing was changed.
-        Conflict
     """
     with changing(map_id) as change:
         session, record = change.session, change.record
@@ -106,7 +105,6 @@ def set_georeference(
 
     Raises:
         UsageError: The map has no image.
-        Conflict
     """
     with changing(map_id) as change:
         session, record = change.session, change.record

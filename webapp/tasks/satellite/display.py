@@ -155,7 +155,6 @@ def write_small(folder: Path, name: str, *, small: NDArray[np.uint8], large: boo
 
     Raises:
         NotFound: The image has been deleted since.
-        StorageError
     """
     key = _key(folder, name)
     if key is None:

@@ -70,7 +70,6 @@ def add_floor(
     Raises:
         UsageError: The map has no image, or the floor is not valid.
         PhotoError: The image cannot be used.
-        StorageError
     """
     with (
         _kept_image(library, map_id, file=new.file, settings=settings) as image,
@@ -97,7 +96,6 @@ def set_floor_image(
 
     Raises:
         UsageError: It is the floor of the map's own image.
-        NotFound, PhotoError, StorageError
     """
     with (
         _kept_image(library, map_id, file=file, settings=settings) as image,
@@ -115,7 +113,6 @@ def remove_floor(library: Library, map_id: int, *, id: int, to_tray: bool, accou
 
     Raises:
         UsageError: There are photos on it, or the map's own image shows it.
-        NotFound
     """
     with library.changing(map_id) as change:
         session, record = change.session, change.record
@@ -278,7 +275,6 @@ def align_floor(
     Raises:
         UsageError: The floor has no image of its own, the spots do not determine the transformation, or
             photos or notes would leave the map.
-        NotFound
     """
     with library.changing(map_id) as change:
         session, record = change.session, change.record

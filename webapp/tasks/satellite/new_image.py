@@ -110,7 +110,6 @@ def make_blank(
     Raises:
         UsageError: The size is out of range, no photo has a GPS position, or placed photos would not lie on
             the plan.
-        StorageError
     """
     with library.database.read() as session:
         record = session.get_one(MapRecord, map_id)

@@ -100,7 +100,6 @@ def fetch_tiles(
     Raises:
         NotFound, UsageError, GeoreferenceError: As `plan`.
         InputError: The service does not answer, refuses, or has no tile of the area at all.
-        StorageError, Cancelled
     """
     service, cut = plan(request, settings=settings)
     with library.database.read() as session:

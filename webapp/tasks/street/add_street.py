@@ -71,7 +71,6 @@ def add_street_photos(
         InputError: The service failed several times in a row; photos added before stay.
         TooMany: The service demands a long pause; photos added before stay.
         Busy: Photos are already being added to this map.
-        DiskFull, StorageError, Cancelled
     """
     with exclusive(
         target.scratch("adding.lock"), doing="street-level photos are being added to this map already"

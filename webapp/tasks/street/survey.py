@@ -154,7 +154,6 @@ def survey_street(
         UsageError: The map has no georeference; the area is empty, not on the image, or has too many photos.
         InputError, TooMany: The service does not answer, refuses, sends an invalid answer, or takes longer
             than the limit.
-        Cancelled
     """
     service, client = open_service(request.source, settings)
     image, known = target.image(), target.known(service.name)
