@@ -96,9 +96,6 @@ def settings_table() -> dict[str, Setting]:
 def effective_settings(environ: Mapping[str, str] | None = None) -> list[Effective]:
     """Find the value of each setting and where it comes from.
 
-    Args:
-        environ: Overrides the process's own environment.
-
     Raises:
         UsageError: A variable or the file has an unknown setting or a value that is not allowed, or the file
             cannot be read.

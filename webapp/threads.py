@@ -34,9 +34,6 @@ def cores() -> int:
 def in_threads(function: Callable[[In], Out], items: Iterable[In]) -> list[Out]:
     """Call a function with each item, in as many threads as there are cores.
 
-    Args:
-        function: Has to be thread-safe.
-
     Returns:
         The results in the order of the items. The first error in that order is raised.
     """

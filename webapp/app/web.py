@@ -155,9 +155,5 @@ WEB_PARTS = Parts(
 
 
 def create_app(settings: Settings, *, library: Library | None = None) -> APIFlask:
-    """Make the application.
-
-    Args:
-        library: An open library; by default that of the settings is opened.
-    """
+    """Make the application."""
     return make_app(settings, WEB_PARTS, library=library)

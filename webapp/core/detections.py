@@ -219,11 +219,7 @@ _MOST_FACES = 200
 
 
 class YuNet:
-    """YuNet by OpenCV.
-
-    Args:
-        model: ONNX, as published in the OpenCV Zoo.
-    """
+    """YuNet by OpenCV."""
 
     def __init__(self, model: bytes) -> None:
         self._model = np.frombuffer(model, np.uint8)
@@ -311,11 +307,7 @@ def decode_plates(outputs: Sequence[NDArray[np.float32]], at: NDArray[np.float64
 
 
 class LpdYuNet:
-    """LPD-YuNet by OpenCV.
-
-    Args:
-        model: ONNX, as published in the OpenCV Zoo.
-    """
+    """LPD-YuNet by OpenCV."""
 
     def __init__(self, model: bytes) -> None:
         self._model = np.frombuffer(model, np.uint8)

@@ -57,9 +57,6 @@ def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
 
     The data is written to a temporary file in the same folder and synced, and the file is renamed. The
     permissions of an existing file are kept; a symbolic link is replaced, not followed.
-
-    Args:
-        pieces: The content, which may be generated while it is written.
     """
     temporary = path.with_name(f".{path.name[:80]}.{secrets.token_hex(6)}.tmp")
     try:

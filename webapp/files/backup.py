@@ -93,7 +93,6 @@ def new_backup(target: Path, *, about: Mapping[str, Any], progress: Progress) ->
     Args:
         target: An existing backup is replaced once the new one is complete.
         about: JSON values for the manifest.
-        progress: One step for each file that is read back.
 
     Raises:
         StorageError, DiskFull: Writing failed; no partial file remains.
@@ -138,11 +137,7 @@ def _written(part: Path, scratch: Path, about: Mapping[str, Any]) -> Iterator[Ar
 
 
 def check(path: Path, *, progress: Progress) -> Files:
-    """Read a backup and compare all files with its manifest.
-
-    Args:
-        progress: One step per file.
-    """
+    """Read a backup and compare all files with its manifest."""
     return _read(path, progress, lambda _name: _discarding())
 
 
@@ -152,7 +147,6 @@ def unpack(path: Path, folder: Path, *, place: Callable[[str], Path], progress: 
     Args:
         folder: Contains all paths that `place` returns.
         place: Maps a file's name to its path; missing folders are created.
-        progress: One step per file.
 
     Raises:
         InputError: The file is not a backup, or is damaged: discard the files unpacked so far.

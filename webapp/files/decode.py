@@ -108,10 +108,6 @@ def open_image(source: Path | bytes, *, limits: PhotoLimits) -> Iterator[Image.I
 
     Errors caused by damage, also those in the caller's block, become a `PhotoError`.
 
-    Args:
-        source: A file, or its content.
-        limits: Checked before anything is decoded.
-
     Yields:
         The first frame.
 
@@ -384,11 +380,7 @@ def has_too_many_scans(data: bytes | mmap.mmap) -> bool:
 
 
 def image_size(source: Path | bytes) -> tuple[int, int]:
-    """Read width and height in pixels from the header, as stored (orientation not applied).
-
-    Args:
-        source: A file, or its content.
-    """
+    """Read width and height in pixels from the header, as stored (orientation not applied)."""
     with open_image(source, limits=_ANY_SIZE) as image:
         return image.size
 

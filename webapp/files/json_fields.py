@@ -137,7 +137,6 @@ def parse_json(data: bytes, *, where: str, most_values: int | None = None) -> Js
     NaN, duplicate fields and texts that cannot be encoded are errors.
 
     Args:
-        where: Name of the file, for errors.
         most_values: Limit of the number of values, each of which takes some 150 bytes of memory.
 
     Returns:

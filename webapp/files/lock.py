@@ -147,7 +147,6 @@ def any_alive(folder: Path, *, but: str = "") -> bool:
 
     Args:
         folder: Contains `*.lock` files; may be missing.
-        but: Pattern of the names of files that do not count.
     """
     return any(_is_held(path) for path in folder.glob("*.lock") if not path.match(but or "-"))
 

@@ -58,7 +58,6 @@ def append(part: Path, data: bytes, *, offset: int, size: int) -> int:
     Args:
         part: Created with the first chunk.
         offset: Position of the chunk in the file, according to the sender.
-        size: Bytes of the whole file.
 
     Returns:
         Bytes received so far.

@@ -89,9 +89,6 @@ def read_table(path: Path, *, headers: Sequence[str]) -> tuple[str, list[TextRow
 
     A byte order mark, CRLF and blank lines are accepted.
 
-    Args:
-        headers: The accepted headers, such as `x;y;lat;lon`.
-
     Returns:
         header: The one found.
     """

@@ -50,12 +50,7 @@ _STOPS_WITHIN_S = 2.0
 
 
 class Acceptor:
-    """A thread that accepts connections.
-
-    Args:
-        listener: The listening socket.
-        draining: As in `Health`.
-    """
+    """A thread that accepts connections."""
 
     def __init__(
         self, listener: socket.socket, library: Library, *, settings: Settings, draining: Callable[[], bool]

@@ -162,7 +162,6 @@ class ProcessLock:
     The system frees the lock however the process ends; unlike process ids, names are never reused.
 
     Args:
-        folder: Folder with the lock files of a library's workers.
         short: Whether the worker does only short jobs.
     """
 

@@ -175,11 +175,7 @@ def _workers(site: Site, library: Library, *, settings: Settings) -> list[Child]
 
 
 def worker_child(library: Library, *, log: Form, short: bool) -> Child:
-    """Make a background worker that ends with this process.
-
-    Args:
-        short: Whether it does only short jobs.
-    """
+    """Make a background worker that ends with this process."""
     command = ["worker", "--library", str(library.folder), "--parent", str(os.getpid()), "--log", log]
     return Child(
         "the background worker for short jobs" if short else "the background worker",
@@ -190,11 +186,7 @@ def worker_child(library: Library, *, log: Form, short: bool) -> Child:
 
 @contextmanager
 def kept_running(children: Sequence[Child], *, stop_s: float) -> Iterator[None]:
-    """Keep processes running during the block, from a thread; then stop them.
-
-    Args:
-        stop_s: Seconds that the processes have to stop before they are killed.
-    """
+    """Keep processes running during the block, from a thread; then stop them."""
     ended = threading.Event()
 
     def tend() -> None:
@@ -317,9 +309,7 @@ class Child:
     """A process that is restarted whenever it exits.
 
     Args:
-        name: For the log.
         environment: Environment of the process; None: that of this process.
-        fds: File descriptors it inherits.
     """
 
     def __init__(

@@ -232,7 +232,6 @@ class Server(BaseApplication):  # type: ignore[misc]
 
     Args:
         app: "module:function", called with the settings in each worker process.
-        options: Gunicorn's options.
         parent: Id of the supervisor's process; the server stops when it is gone.
         listeners: Listening sockets; none: those of the options.
     """
@@ -325,7 +324,6 @@ def gunicorn_options(settings: Settings, *, fd: int, workers: int) -> dict[str, 
 
     Args:
         fd: File descriptor of the listening socket: requests wait there while gunicorn restarts.
-        workers: Number of processes.
     """
     return {
         "bind": f"fd://{fd}",

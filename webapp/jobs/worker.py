@@ -97,11 +97,7 @@ class Worker:
         self._ended = threading.Event()
 
     def run(self, *, once: bool = False) -> None:
-        """Run jobs until stopped.
-
-        Args:
-            once: Return when the queue is empty.
-        """
+        """Run jobs until stopped."""
         exporter = threading.Thread(target=self._export, name="export", daemon=True)
         tends = not once and not self._lanes.only_short
         if tends:

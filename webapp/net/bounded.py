@@ -187,7 +187,6 @@ def download(address: str, *, size: int, progress: Progress) -> bytes:
 
     Args:
         size: Expected size in bytes; reading stops beyond it.
-        progress: One step per 2^16 bytes.
 
     Returns:
         Of the right size; the caller has to check the content.

@@ -32,9 +32,6 @@ class GeocoderResult:
 def search(text: str, *, language: str, settings: GeocoderSettings) -> tuple[GeocoderResult, ...]:
     """Send one request to the host.
 
-    Args:
-        language: Preferred language of the names, such as `cs`.
-
     Returns:
         The best match first; empty if there is none.
     """

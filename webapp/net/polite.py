@@ -56,8 +56,6 @@ class PoliteClient:
     """Sends requests to one service, and to the hosts of its photos.
 
     Args:
-        name: Display name of the service.
-        base: Its address.
         headers: For the service itself only: a token must not be sent to other hosts.
     """
 

@@ -111,9 +111,6 @@ def list_photos(
 
     A full page without a next one is assumed to be truncated: its area is queried again in quarters.
 
-    Args:
-        most: Maximum number of photos.
-
     Raises:
         UsageError: The area has more, or is too large for the service.
         InputError, TooMany: The service does not answer, or not with a list of photos.

@@ -71,9 +71,6 @@ class TileFetcher:
 
         Each one is in the cache before it is yielded, so that a stopped download can be resumed.
 
-        Args:
-            progress: Used only for cancellation, also while waiting for the service.
-
         Yields:
             A PNG, JPEG or WebP file; None where the service has no tile.
 

@@ -32,9 +32,6 @@ def export_map_file(
 ) -> Download:
     """Export a map of the library.
 
-    Args:
-        form: One of `FORMATS`.
-
     Raises:
         UsageError: The format is unknown, or the map lacks what it needs.
     """

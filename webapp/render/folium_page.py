@@ -92,9 +92,6 @@ _CSS_URL = re.compile(r"url\((images/[a-z0-9-]+\.png)\)")
 def export_map_page(source: Source, *, settings: Settings, progress: Progress | None = None) -> Download:
     """Return a map as a page: in Web Mercator if it has a georeference, else in pixels.
 
-    Args:
-        progress: One step per photo.
-
     Raises:
         UsageError: The map has too many photos for one page.
     """
@@ -140,7 +137,6 @@ def empty_page(crs: str, *, title: str) -> folium.Map:
 
     Args:
         crs: `EPSG3857` or `Simple`, as folium names them.
-        title: Any text.
     """
     import folium
 

@@ -33,7 +33,6 @@ def to_mercator(
 
     Args:
         picture: (h, w, 3) uint8. Blue, green, red; perhaps scaled down.
-        size: Width and height of the satellite image itself, pixels.
 
     Returns:
         With about as many pixels. None if a part of the image has no position, or one beyond 85 degrees.

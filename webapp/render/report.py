@@ -53,9 +53,6 @@ class Figure:
 def render_report(evaluation: Evaluation, *, worst: Sequence[QueryPictures]) -> str:
     """Write the report of an evaluation.
 
-    Args:
-        worst: The queries to show, the worst first.
-
     Returns:
         HTML that needs no other file and no network.
     """
@@ -169,7 +166,6 @@ def write_evaluation(evaluation: Evaluation, folder: Path, *, limits: PhotoLimit
 
     Args:
         folder: Created if missing; files of these names are replaced.
-        limits: For the photos in the report.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)

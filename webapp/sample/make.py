@@ -86,7 +86,6 @@ def make_sample(
 
     Args:
         folder: None: `sample` in the library.
-        progress: One step per picture.
         seed: Random seed of the synthetic park; 0 or more.
         force: Make it again, also replacing a different sample.
 
@@ -170,9 +169,6 @@ class _Studio:
 
 def write_sample(folder: Path, *, seed: int, size: SampleSize, progress: Progress) -> dict[str, object]:
     """Write all files of the sample except its record.
-
-    Args:
-        folder: It is created.
 
     Returns:
         For the record: the `files`, relative to the folder, and the ground truth of the `queries`.

@@ -32,7 +32,6 @@ class Database:
 
     Args:
         url: In the form of SQLAlchemy: `sqlite:////path/library.db` or `postgresql+psycopg://...`.
-        threads: Number of threads of this process that use it in parallel.
 
     Raises:
         UsageError: The address is malformed, or of a database that is not supported.

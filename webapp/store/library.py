@@ -92,7 +92,6 @@ def open_library(folder: Path, *, url: str | None = None, threads: int = THREADS
 
     Args:
         url: Of the database; by default it is a SQLite file in the folder.
-        threads: Number of threads of this process that use it in parallel.
 
     Raises:
         StorageError: The folder cannot be written, the database is damaged, was emptied or cannot be reached,

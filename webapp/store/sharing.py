@@ -50,11 +50,7 @@ def create(
     query_id: int | None = None,
     public: bool = False,
 ) -> tuple[Share, str]:
-    """Share a map or one answer; also return the token, like `open_link`.
-
-    Args:
-        query_id: The answer; None for the map.
-    """
+    """Share a map or one answer; also return the token, like `open_link`."""
     if query_id is not None:
         queries.find(session, record, query_id)
     share = Share(map_id=record.id, query_id=query_id, account_id=account_id)
@@ -111,7 +107,6 @@ def open_link(session: Session, share: ShareColumns, *, public: bool) -> str:
 
     Args:
         share: With its target and permissions; not yet in the session.
-        public: Whether it is publicly listed.
 
     Returns:
         The token, which is the end of its URL. For a secret share, only its hash is stored.

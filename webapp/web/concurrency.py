@@ -23,7 +23,6 @@ class ConcurrencyLimit:
     """Limits one kind of request to a share of the threads, so that threads are left for others.
 
     Args:
-        name: Name of the kind of request.
         share: Share of the threads of a process, 0 to 1.
     """
 

@@ -36,9 +36,6 @@ REPLICATES = 1000
 def grade(error: float, place_radius_px: float) -> Grade:
     """Grade an error: excellent up to half the place radius, good up to 1, sufficient up to 2.
 
-    Args:
-        error, place_radius_px: Map pixels; an error may be infinite.
-
     Returns:
         {"excellent", "good", "sufficient", "insufficient"}
     """
@@ -270,7 +267,6 @@ def summarise(results: Sequence[QueryResult], *, place_radius_px: float, rng: np
     Args:
         results: At least one.
         place_radius_px: Largest error at which a hypothesis is right, map pixels.
-        rng: For the bootstrap.
     """
     found = outcomes(results)
     recipes = figures(place_radius_px)

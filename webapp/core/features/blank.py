@@ -27,7 +27,6 @@ def why_blank(gray: NDArray[np.uint8], features: Features) -> str:
 
     Args:
         gray: (h, w) uint8
-        features: Its keypoints.
     """
     if _contrast(gray) < _LEAST_CONTRAST:
         return "the photo is nearly uniform"

@@ -99,7 +99,6 @@ class GlobalDescriptor:
         model: Content of an ONNX file with one input, (1, 3, height, width), and one output, (1, d). Values
             that the form does not state are read from its shape and metadata; the default normalisation is
             ImageNet's.
-        file: Name of the file, for messages.
         weights: Identifies the content of the model file and the form.
     """
 

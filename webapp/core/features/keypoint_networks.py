@@ -36,7 +36,6 @@ class KeypointNetwork:
     Args:
         model: Content of an ONNX file with the input `image` (1, 3, h, w), RGB from 0 to 1, and the outputs
             `keypoints` (n, 2), `scores` (n,) and `descriptors` (n, width), with or without a batch of one.
-        file: Name of the file, for messages.
 
     Attributes:
         name: Of the network, for messages.
@@ -94,7 +93,6 @@ class NetworkFeatures:
     """Detector and extractor around a network. It describes only its own keypoints.
 
     Args:
-        of: Class of the network.
         network: Required for detection.
     """
 

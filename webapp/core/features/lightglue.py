@@ -44,9 +44,7 @@ class LightGlue:
     """LightGlue for one kind of features; threads may share it.
 
     Args:
-        model: Content of an ONNX file.
         interface: `LIGHTGLUE` or `LIGHTERGLUE`.
-        file: Name of the file, for messages.
     """
 
     def __init__(self, model: bytes, interface: Interface, *, file: str) -> None:

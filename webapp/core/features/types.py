@@ -129,7 +129,6 @@ def detect_with_fallback_threshold(
 
     Args:
         detect: Takes a maximum number and a threshold, and returns the strongest keypoints above it.
-        keypoints: Number wanted.
         thresholds: The usual one and the lower one.
 
     Returns:

@@ -104,7 +104,6 @@ def latlon_from_plane(plane: str, xy: ArrayLike) -> NDArray[np.float64]:
     """Convert points of a plane to latitude and longitude.
 
     Args:
-        plane: Coordinate system.
         xy: (n, 2) float64. East (or longitude), north (or latitude), in the plane's unit.
 
     Returns:
@@ -122,7 +121,6 @@ def plane_from_latlon(plane: str, latlon: ArrayLike) -> NDArray[np.float64]:
     """Convert latitude and longitude to points of a plane.
 
     Args:
-        plane: Coordinate system.
         latlon: (n, 2) float64. Degrees north, degrees east.
 
     Returns:

@@ -38,7 +38,6 @@ def from_control_points(
     """Fit a georeference to control points, by least squares in local metres.
 
     Args:
-        width, height: Of the image, pixels.
         model: "similarity", "affine" or "projective". Default: the one with the most parameters that the
             number of points allows (2, 3, 4 or more).
 
@@ -239,7 +238,6 @@ def from_corners(corners: Corners, *, width: int, height: int) -> GeoreferenceFi
 
     Args:
         corners: With both or none of `top_right` and `bottom_left`.
-        width, height: Of the image, pixels.
 
     Returns:
         Without residuals, as it fits the corners exactly. With a warning if the pixels are far from square.

@@ -160,10 +160,6 @@ def latlon_grid(georeference: Georeference, size: tuple[int, int], *, cells: int
 
     Without perspective, linear interpolation in a cell of size s has an error of about s^2 / (8 R), R being
     the Earth's radius: 2 mm for an image of 5 km with 16 cells.
-
-    Args:
-        size: Width and height of the image, pixels.
-        cells: Number of cells along each side.
     """
     width, height = size
     x, y = np.meshgrid(np.linspace(0.0, width, cells + 1), np.linspace(0.0, height, cells + 1))

@@ -54,7 +54,6 @@ def view_pixels(
     """Compute the positions in a panorama of all pixels of a level view.
 
     Args:
-        panorama: Its width and height.
         turn_deg: Clockwise rotation of the view from the centre of the panorama.
 
     Returns:

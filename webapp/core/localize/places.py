@@ -117,7 +117,6 @@ def estimate_places(
     """Cluster the photos of the shortlist into candidate places.
 
     Args:
-        further: Photos that have only votes.
         alike: (p,) float64. Standard scores of the map's photos by their global descriptors.
 
     Returns:

@@ -289,7 +289,6 @@ def judge(
     """Judge photos by their localization while they were hidden from the map.
 
     Args:
-        experiences: All of the map.
         answers: By id: first the answer with the photo itself hidden, then others with its whole place
             hidden.
 

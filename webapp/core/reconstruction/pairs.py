@@ -121,7 +121,6 @@ def strongest_partners(pairs: PhotoPairs, *, photos: int, inliers: int) -> NDArr
     """Find for each photo the one with which it shares most inliers.
 
     Args:
-        photos: Number of photos in the map.
         inliers: Minimum number of inliers.
 
     Returns:

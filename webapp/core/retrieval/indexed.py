@@ -183,7 +183,6 @@ def candidates(
 
     Args:
         descriptors: (n, d) uint8
-        hide: Experience ids to leave out, as if they were not in the map.
     """
     hidden = np.isin(indexed.ids, np.fromiter(hide, np.int64, len(hide)))
     search = indexed.search

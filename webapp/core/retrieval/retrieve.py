@@ -70,7 +70,6 @@ def mean_turn_deg(indexed: IndexedMap, query: Features, *, found: Candidates) ->
 
     Args:
         query: If keypoints have no orientation, all angles are 0, and so is the rotation.
-        found: (n, k), as from `filter_by_rotation`.
 
     Returns:
         Degrees, -180 to 180: the weighted mean; 0 without neighbours.
@@ -84,7 +83,6 @@ def quarter_turns(indexed: IndexedMap, query: Features, *, nearest: Candidates, 
 
     Args:
         nearest: (n, k), before `filter_by_rotation`.
-        turn_deg: As from `mean_turn_deg`.
 
     Returns:
         0 to 3; 0 if it is not clear.
@@ -119,7 +117,6 @@ def weighted_votes(found: Candidates, photos: int) -> NDArray[np.float64]:
 
     Args:
         found: (n, k)
-        photos: Number of photos in the map.
 
     Returns:
         (photos,) float64
@@ -136,7 +133,6 @@ def shortlist(
 
     Args:
         votes: (p,) float64
-        most: Maximum number of photos.
 
     Returns:
         Most votes first; only photos with at least one match.
@@ -165,9 +161,6 @@ def rematch_with_network(
 ) -> list[ShortlistedPhoto]:
     """Match the photos of a shortlist with the query by a network; their votes do not change.
 
-    Args:
-        matcher: For the map's features.
-
     Returns:
         In the same order.
     """
@@ -193,9 +186,6 @@ def standard_scores(
     indexed: IndexedMap, query: Features, *, hide: Collection[int]
 ) -> NDArray[np.float64] | None:
     """Compare a query with the map's photos by their global descriptors.
-
-    Args:
-        hide: Experience ids to leave out.
 
     Returns:
         (p,) float64 or None: As from `GlobalDescriptors.standard_scores`; None if map or query have no global
@@ -295,11 +285,7 @@ class Retrieved:
 
 
 def retrieve(indexed: IndexedMap, query: Features, *, hide: Collection[int] = ()) -> Retrieved:
-    """List the photos with most votes, and those most similar by global descriptors, if there are any.
-
-    Args:
-        hide: Experience ids to leave out.
-    """
+    """List the photos with most votes, and those most similar by global descriptors, if there are any."""
     tuning = indexed.tuning.retrieval
     nearest = candidates(indexed, query.descriptors, k=tuning.neighbours + 1, hide=hide)
     found = filter_by_rotation(indexed, query, found=nearest)

@@ -35,10 +35,6 @@ def format_kml(
 ) -> Iterator[bytes]:
     """Write the photos and notes of a map as placemarks, with their floors as extended data.
 
-    Args:
-        title: Name of the map.
-        pictures: Pictures of a KMZ.
-
     Yields:
         UTF-8. Photos and notes without latitude and longitude are left out.
     """

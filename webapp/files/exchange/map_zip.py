@@ -90,7 +90,6 @@ def unpack(
     Args:
         folder: New and empty.
         reserve_mb: Disk space to keep free, megabytes (10^6 bytes).
-        progress: One step per file.
 
     Raises:
         InputError: The file is not a zip, is damaged or encrypted, has paths outside its folder or duplicate

@@ -37,11 +37,7 @@ class PlanarPose:
 
 
 def write(path: Path, poses: Iterable[PlanarPose], *, remarks: Iterable[str] = ()) -> None:
-    """Write a trajectory.
-
-    Args:
-        remarks: Comment lines for the top of the file, such as the frame and its unit.
-    """
+    """Write a trajectory."""
     lines = [f"# {remark}" for remark in (*remarks, "timestamp tx ty tz qx qy qz qw")]
     for pose in poses:
         if pose.yaw_rad is None:

@@ -26,7 +26,6 @@ def write_colours(path: Path, rgb: Colours, *, key: str) -> None:
 
     Args:
         rgb: (k, 3) uint8. Colours of the points of a cloud.
-        key: Key of that cloud.
     """
     write_settled(path, {"rgb": rgb}, meta={"format": _FORMAT, "key": key})
 

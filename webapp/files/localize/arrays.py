@@ -33,9 +33,6 @@ class OpenFile:
     """An open file from which several arrays are read, by several threads.
 
     It stays readable after its deletion; on Windows it cannot be deleted before it is closed.
-
-    Args:
-        repair: How to fix a damaged file, for errors.
     """
 
     def __init__(self, file: FileIO, *, repair: str) -> None:

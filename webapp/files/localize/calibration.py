@@ -85,9 +85,6 @@ def recorded_trials(
 
     Trials survive if the process is killed; the file is kept, for a joint calibration of several looks.
     Raises StorageError.
-
-    Args:
-        key: Identifies all that the trials depend on.
     """
     known = _read(path, key)
     try:

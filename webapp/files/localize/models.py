@@ -148,9 +148,6 @@ def usable_methods(chosen: Path | None) -> list[Method]:
 def with_weights(choice: FeatureChoice, chosen: Path | None, *, method: Method) -> FeatureChoice:
     """Open the models that a method needs, and record the hash of a file that the user supplied.
 
-    Args:
-        chosen: Folder with the weights, instead of the user's cache.
-
     Raises:
         MissingPart: A file is not installed, or is not the expected one.
         InputError: The user's file holds another kind of network.
@@ -172,7 +169,6 @@ def network(model: str | None, chosen: Path | None, *, weights: str = "") -> obj
 
     Args:
         model: `FeatureChoice.model`; None if the features need none.
-        chosen: Folder with the weights, instead of the user's cache.
         weights: `FeatureChoice.weights`: the hash that a file supplied by the user must have.
 
     Raises:
@@ -188,10 +184,6 @@ def network(model: str | None, chosen: Path | None, *, weights: str = "") -> obj
 
 def pair_matcher(features: str, chosen: Path | None) -> PairMatcher:
     """Open the network that matches features of two photos, once per process.
-
-    Args:
-        features: `FeatureChoice.name`.
-        chosen: Folder with the weights, instead of the user's cache.
 
     Raises:
         UsageError: There is no network for these features.
@@ -287,9 +279,6 @@ class BlurNetworks:
 def blur_networks(chosen: Path | None) -> BlurNetworks:
     """Open the networks that detect faces and number plates, each once per process.
 
-    Args:
-        chosen: Folder with the weights, instead of the user's cache.
-
     Raises:
         MissingPart: None is installed, or a file is not the published one.
         StorageError: A file cannot be read.
@@ -322,9 +311,6 @@ _State = tuple[int, int] | None
 
 def global_descriptor(chosen: Path | None) -> GlobalDescriptor | None:
     """Open the model, once per process while its files do not change; None if there is none.
-
-    Args:
-        chosen: Folder with the weights, instead of the user's cache.
 
     Raises:
         InputError: The file holds another kind of network, or the JSON next to it is invalid.

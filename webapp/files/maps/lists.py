@@ -100,11 +100,7 @@ def parse_floors(field: JsonField) -> tuple[Floor, ...]:
 def check_floors_of(
     field: JsonField, floor_of: Mapping[int, int], *, what: str, floors: Iterable[Floor]
 ) -> None:
-    """Refuse photos or notes (by id) on floors that the map does not have.
-
-    Args:
-        what: `photo` or `note`.
-    """
+    """Refuse photos or notes (by id) on floors that the map does not have."""
     known = {BASE_FLOOR, *(floor.id for floor in floors)}
     for id, floor in floor_of.items():
         if floor not in known:

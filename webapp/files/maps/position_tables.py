@@ -87,7 +87,6 @@ def read_table(data: bytes, columns: str | None, *, where: str, formats: str) ->
 
     Args:
         columns: Meaning of the columns; None to guess it from the header.
-        formats: What can be read, for errors.
 
     Raises:
         TableError, TrackError: It is malformed, with the line.

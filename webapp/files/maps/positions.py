@@ -71,9 +71,6 @@ class Positions:
         """Find the position of a photo by its path, or else by its file name if that is unique in the list.
 
         The list may leave out the suffixes of file names.
-
-        Args:
-            name: Path with forward slashes.
         """
         entry = self._entry(name)
         return None if entry is None else self.by_name[entry]

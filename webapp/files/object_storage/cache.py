@@ -69,10 +69,6 @@ class ObjectCache:
     def path(self, pointer: Pointer, *, name: str, fetch: Callable[[Path], None]) -> Path:
         """Return the local copy of an object; fetch it if it is missing.
 
-        Args:
-            name: Name of the file.
-            fetch: Writes the object to a new file.
-
         Returns:
             Readable for at least `stays_s`.
 

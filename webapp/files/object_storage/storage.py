@@ -94,11 +94,7 @@ _INNER = ".library"  # as in `webapp.store.library`, which map commands do not l
 
 
 def read_marker(inner: Path) -> tuple[str | None, str | None]:
-    """Read the address of a library's storage, and the library's name in it; None where missing.
-
-    Args:
-        inner: The library's folder for all that is not a map.
-    """
+    """Read the address of a library's storage, and the library's name in it; None where missing."""
     marker = inner / MARKER
     lines = marker.read_text("utf-8").split() if marker.is_file() else []
     address, owner = [*lines, None, None][:2]

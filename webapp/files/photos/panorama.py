@@ -41,11 +41,7 @@ class PanoramaTags:
 
 
 def read_panorama(content: bytes, size: tuple[int, int]) -> PanoramaTags:
-    """Read a photo's properties as a panorama.
-
-    Args:
-        size: Width and height of the upright photo, pixels.
-    """
+    """Read a photo's properties as a panorama."""
     tags = {
         name.decode(): value.decode("utf-8", "replace").strip() for name, value in _GPANO.findall(content)
     }
@@ -68,7 +64,6 @@ def find_panorama(
     """Read a photo's properties as a panorama; None if it does not show the whole sphere.
 
     Args:
-        source: A file, or its content.
         assume: Whether to also accept a photo that is twice as wide as high but not marked as a panorama.
     """
     size = facts.width, facts.height

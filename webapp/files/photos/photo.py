@@ -118,9 +118,6 @@ def read_facts(source: Path | bytes, *, limits: PhotoLimits) -> PhotoFacts:
 
     Damaged or odd EXIF is left out and noted. Truncation after the header is not detected.
 
-    Args:
-        source: A file, or its content.
-
     Raises:
         PhotoError: The file is missing, not an image of a known format, exceeds the limits, or its header is
             damaged.
@@ -258,9 +255,6 @@ _ENCODING: Mapping[Kind, tuple[int, int]] = {
 def make_previews(source: Path, *, limits: PhotoLimits, blurred: Sequence[BlurBox] = ()) -> dict[Kind, bytes]:
     """Decode a photo completely and make its previews.
 
-    Args:
-        blurred: Parts of the upright photo to blur.
-
     Returns:
         A JPEG file for the preview, a WebP file for the thumb.
 
@@ -310,12 +304,7 @@ def preview_path(
 def write_previews(
     folder: Path, stem: str, *, previews: Mapping[Kind, bytes], blurred: Sequence[BlurBox] = ()
 ) -> None:
-    """Write the previews of a photo into a folder, which is created if missing.
-
-    Args:
-        stem: Beginning of their names.
-        blurred: Those with which the previews were made.
-    """
+    """Write the previews of a photo into a folder, which is created if missing."""
     folder.mkdir(parents=True, exist_ok=True)
     for kind, data in previews.items():
         path = folder / preview_name(stem, kind, blurred=blurred)

@@ -111,9 +111,6 @@ class PhotoPlace:
 
 def locate(tags: Mapping[int, object], xmp: Xmp) -> PhotoPlace:
     """Find position and heading: in the GPS IFD of EXIF, else in the EXIF of XMP, else in what a drone wrote.
-
-    Args:
-        tags: Of the GPS IFD.
     """
     gps, heading = read_gps(tags), read_heading(tags)
     if not xmp:
@@ -199,7 +196,6 @@ def panorama_notes(xmp: Xmp, *, width: int, height: int, has_fov: bool) -> tuple
     """Return sentences about a photo that is, or may be, a panorama but is not taken for one as it is.
 
     Args:
-        width, height: Of the upright photo, pixels.
         has_fov: Whether its EXIF says its field of view, as for photos of one shot.
     """
     ratio = max(width, height) / min(width, height)

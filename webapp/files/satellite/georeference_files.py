@@ -189,7 +189,6 @@ def read_worldfile(path: Path, *, width: int, height: int, crs: str | None = Non
     """Read a world file.
 
     Args:
-        width, height: Size of the image, pixels.
         crs: Coordinate system of the numbers. Default: the one of the `.prj` next to it, else EPSG:4326
             (degrees of longitude and latitude), if the numbers are in its range.
 
@@ -210,8 +209,6 @@ def parse_worldfile(
     """Parse the content of a world file; see `read_worldfile`.
 
     Args:
-        where: Name of the file, for errors.
-        width, height: Size of the image, pixels.
         crs: Default: EPSG:4326, if the numbers are in its range.
     """
     a, d, b, e, c, f = _six_numbers(text, where)
@@ -265,9 +262,6 @@ def _check_degrees(matrix: np.ndarray, where: str, *, width: int, height: int) -
 
 def read_geotiff(path: Path, *, crs: str | None = None) -> GeoreferenceFit:
     """Read the georeference of a GeoTIFF.
-
-    Args:
-        crs: Overrides the coordinate system of the file.
 
     Returns:
         The exact transform (without residuals), or if there is none, a least-squares fit to the ground

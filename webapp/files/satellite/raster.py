@@ -164,9 +164,6 @@ def opened_raster(path: Path, *, limits: SatelliteLimits) -> Iterator[Raster]:
 
     Errors caused by damage, also those in the caller's block, become a `PhotoError`.
 
-    Args:
-        limits: Checked before anything is decoded.
-
     Raises:
         PhotoError: The file is missing, has another format, is damaged or truncated, or exceeds the limits.
         MissingPart: It is a TIFF, and rasterio is not installed.
@@ -341,7 +338,6 @@ def keep_file(source: Path, folder: Path) -> str:
 
     Args:
         source: On the same disk.
-        folder: Folder of the map.
 
     Returns:
         `satellite-<8 hexadecimal digits of its hash>.png` or `.jpg`.
@@ -360,7 +356,6 @@ def keep_pixels(pixels: NDArray[np.uint8], folder: Path, *, lossless: bool = Tru
 
     Args:
         pixels: (h, w, 3) uint8. Blue, green, red.
-        folder: Folder of the map.
         lossless: PNG, else JPEG.
 
     Returns:

@@ -163,7 +163,6 @@ class PdfDrawing:
 
     Args:
         size: Width and height, points.
-        title: Of the document.
     """
 
     def __init__(self, size: tuple[float, float], *, title: str) -> None:

@@ -119,11 +119,7 @@ class World:
 
 
 def build_world(rng: np.random.Generator) -> World:
-    """Generate a park.
-
-    Args:
-        rng: The same state gives the same park.
-    """
+    """Generate a park."""
     for_plan, for_ground, for_houses, for_rest, for_leaves = rng.spawn(5)
     plan = draw_plan(for_plan)
     quads: list[Quad] = []

@@ -29,11 +29,7 @@ def ensure_owner(session: Session) -> Account:
 
 
 def create(session: Session, name: str, *, is_owner: bool = False) -> Account:
-    """Create an account; signing in requires a link or a password, which it does not have yet.
-
-    Args:
-        is_owner: Whether it owns the whole library.
-    """
+    """Create an account; signing in requires a link or a password, which it does not have yet."""
     account = Account(name=_free_name(session, name), is_owner=is_owner)
     session.add(account)
     session.flush()

@@ -83,7 +83,6 @@ def by_password(
 
     Args:
         address: Client address of the request.
-        limits: Sets the limit of failures and its time window.
 
     Raises:
         NotSignedIn: Wrong name or password; the error does not say which is wrong.
@@ -202,11 +201,7 @@ def device_of(user_agent: str) -> str:
 
 
 def note_sign_in(session: Session, account: Account, *, session_id: str, device: str, days: int) -> None:
-    """Record that a browser has signed in, and forget sessions that are over.
-
-    Args:
-        days: Validity of cookies.
-    """
+    """Record that a browser has signed in, and forget sessions that are over."""
     over = or_(
         SignedIn.used_at < now() - timedelta(days=days),
         (SignedIn.account_id == account.id) & (SignedIn.epoch != account.epoch),

@@ -43,11 +43,7 @@ class Backend(ABC):
 
     @abstractmethod
     def make_engine(self, url: URL, *, threads: int) -> Engine:
-        """Create the engine, without connecting yet.
-
-        Args:
-            threads: Number of threads that use it in parallel.
-        """
+        """Create the engine, without connecting yet."""
 
     @abstractmethod
     def writer_lock(self) -> AbstractContextManager[object]:

@@ -22,9 +22,6 @@ def boxes_of(photo: Photo) -> list[BlurBox]:
 def boxes_of_files(session: Session, hashes: Iterable[str]) -> dict[str, tuple[BlurBox, ...]]:
     """Return the boxes that are blurred in some files on any map, also one in the bin or deleted.
 
-    Args:
-        hashes: SHA-256 of the files.
-
     Returns:
         By SHA-256, without repetitions; files without any are absent.
     """

@@ -116,7 +116,6 @@ def apply(
             point, a note or a floor. A photo's position without `radius_px` is exact.
         kind: A word for the edit: `place`, `move`, `turn`, `remove`, `satellite` ...
         account_id: Author of the edit.
-        seen: Newest revision that the author has seen. A target that changed later is a conflict.
 
     Returns:
         None if all fields already have these values.
@@ -364,10 +363,6 @@ def placed_on_present_image(
 
     Others have placed photos on the present image since an edit set or removed it, or photos would lie
     outside the restored image.
-
-    Args:
-        edit: To be undone or redone, which brings another image back.
-        image: Fields of that image.
     """
     later = (
         select(Edit, Account.name)

@@ -95,7 +95,6 @@ def copy_records(source: Connection, target: Database, *, progress: Progress) ->
 
     Args:
         source: In a transaction that sees a consistent snapshot.
-        progress: One step per row.
 
     Raises:
         SourceChanged: The source has changed since an earlier copy.

@@ -65,9 +65,6 @@ def recent(session: Session, *, map_ids: Select[Any], account: Account) -> list[
     """List the jobs of some maps that wait, run, or have ended in the last day, active ones first.
 
     Jobs without a map are included if they are the account's own; an owner of the library gets all jobs.
-
-    Args:
-        map_ids: Selects the ids of the maps.
     """
     alone = Job.map_id.is_(None)
     theirs = alone if account.is_owner else alone & (Job.account_id == account.id)
@@ -140,9 +137,6 @@ def blocker(session: Session, job: Job, *, short: Collection[str]) -> Job | None
 
 def to_json(session: Session, job: Job, *, account_id: int | None = None) -> dict[str, Any]:
     """Return the JSON object for pages and clients.
-
-    Args:
-        account_id: Account of the client.
 
     Returns:
         `id, kind, state, done, total, note, error, result, seconds, seconds_left, next_try_s, created_at,

@@ -51,7 +51,6 @@ def copy_to(database: Database, target: Path, *, readers: Mapping[str, Reader]) 
 
     Args:
         target: Its content is replaced.
-        readers: Read further records with files.
 
     Returns:
         Of the copy.
@@ -87,11 +86,7 @@ def _copy_from_server(database: Database, target: Path) -> None:
 
 
 def check(path: Path, *, readers: Mapping[str, Reader]) -> SnapshotContents:
-    """Check a database file for damage, and return its contents.
-
-    Args:
-        readers: Read further records with files.
-    """
+    """Check a database file for damage, and return its contents."""
     try:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as database:
             (found,) = database.execute("PRAGMA integrity_check(1)").fetchone()

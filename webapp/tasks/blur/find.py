@@ -38,11 +38,7 @@ _WAIT_S = 20.0
 
 
 class DetectionCache:
-    """Stored detections of a map's photos.
-
-    Args:
-        key: Identifies the networks.
-    """
+    """Stored detections of a map's photos."""
 
     def __init__(self, map_folder: Path, key: str) -> None:
         self._path = map_folder / DERIVED / "blur" / f"{key}.jsonl"

@@ -40,11 +40,7 @@ _EACH = 4
 
 
 class DaskPool:
-    """Runs parts on the workers of a Dask scheduler. Raises ClusterUnavailable, UsageError, MissingPart.
-
-    Args:
-        folder: Folder that the workers must be able to access.
-    """
+    """Runs parts on the workers of a Dask scheduler. Raises ClusterUnavailable, UsageError, MissingPart."""
 
     def __init__(
         self, function: Part, shared: Any, *, settings: Settings, folder: Path, progress: Progress

@@ -54,10 +54,8 @@ def evaluate_queries(
     """Evaluate on a list of photos with known positions.
 
     Args:
-        queries: The list, `path;x;y`.
         map_folder: Folder to which the map's paths are relative.
         localize: Used instead of the localizer's own method, such as a filter over a sequence.
-        progress: One step per photo.
 
     Returns:
         A photo that cannot be used counts as a failed query.
@@ -87,9 +85,6 @@ def evaluate_self(
     progress: Progress | None = None,
 ) -> list[Evaluation]:
     """Evaluate on the map's own photos, each hidden from the map.
-
-    Args:
-        localizer, map_folder, options, progress: As for `evaluate_queries`.
 
     Returns:
         One with `hide_within_px`. By default two: with only the photo itself hidden (leave-one-out), and with

@@ -46,11 +46,6 @@ def duplicate_map(
 
     Photos, images and indexes are never changed in place, so that both maps can share them by hard links.
 
-    Args:
-        account_id: Owner of the copy.
-        name: Name of the copy.
-        progress: One step per file.
-
     Returns:
         Slug of the copy.
 

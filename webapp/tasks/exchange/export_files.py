@@ -54,9 +54,6 @@ def export_map_zip(library: Library, map_id: int, *, progress: Progress | None =
 
     Photos that are missing on the disk are left out: the linter reports them after an import.
 
-    Args:
-        progress: One step per photo.
-
     Raises:
         NotFound, UsageError: The map does not exist, or it has no satellite image yet.
     """
@@ -156,11 +153,7 @@ def export_map_kml(source: Source) -> Download:
 
 
 def export_map_kmz(source: Source, *, settings: Settings, progress: Progress | None = None) -> Download:
-    """Return the photos of a map as KMZ, generated while it is streamed.
-
-    Args:
-        progress: One step per photo.
-    """
+    """Return the photos of a map as KMZ, generated while it is streamed."""
     source.georeference()
     pieces = stream_zip(_kmz_members(source, settings=settings, progress=progress or Progress()))
     return Download(f"{source.name}.kmz", "application/vnd.google-earth.kmz", pieces)

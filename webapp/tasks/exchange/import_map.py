@@ -156,8 +156,6 @@ def import_map(
 
     Args:
         archive: The zip; it is not changed.
-        account_id: Owner of the map.
-        name: Display name of the map.
         settings: The limits of imports and photos.
         progress: One step per file in each of three phases: unpacking, checking, reading.
 
@@ -185,7 +183,6 @@ def run_into(
     Parameters and errors are those of `import_map`, and:
 
     Args:
-        library, archive, settings, progress: As in `import_map`.
         writes: Opens the write session; a job passes its own, which checks its lease.
 
     Raises:

@@ -49,7 +49,6 @@ def write_exif(
         out: Folder of the copies, created if missing; photos have the same paths below it as below the map's
             folder, and no file there is replaced. None: the photos themselves are changed, each with a backup
             `NAME_original` next to it; an existing backup is kept.
-        progress: One step per photo.
 
     Yields:
         For each photo of the map, once it is written.

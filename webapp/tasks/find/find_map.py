@@ -203,9 +203,7 @@ def find_map(
     """Localize a photo on maps, one after the other.
 
     Args:
-        records: The maps to search.
         top: Maximum number of places on each map.
-        progress: One step per map.
 
     Raises:
         PhotoError: The photo cannot be used.
@@ -260,11 +258,7 @@ def find_map(
 
 
 def search_json(search: MapSearch, *, query: str, translate: Callable[[str], str] = str) -> dict[str, Any]:
-    """Convert a search to JSON values, for the API and `expmap find --json`.
-
-    Args:
-        translate: Translates messages and hints.
-    """
+    """Convert a search to JSON values, for the API and `expmap find --json`."""
     return {
         "query": query,
         "maps": [

@@ -66,9 +66,6 @@ def accept_in_library(
 ) -> PlacingResult:
     """Place photos where suggested, as one edit; photos that were placed meanwhile are skipped.
 
-    Args:
-        account_id: Author of the edit, who can undo it.
-
     Raises:
         UsageError: The map no longer has a satellite image.
     """

@@ -63,7 +63,6 @@ class LandmarksAround:
         Args:
             answer: With ids of experiences, and headings clockwise from image-up.
             fov_deg: Horizontal field of view of the upright query.
-            hide: Ids of pictures to leave out.
         """
         if answer.abstained:
             return replace(answer, note="no place is likely enough to look for landmarks around it")

@@ -97,7 +97,6 @@ def reconstruct(
     new photos.
 
     Args:
-        the_map: Has the photos to reconstruct.
         part: Folder for the result, if these are not all photos of the map.
         wait_s: Seconds to wait for another process that reconstructs photos of this map.
 
@@ -256,11 +255,7 @@ def _submodels(
 
 
 def keep_cloud(folder: Path, submodels: StoredSubmodels, *, features: Path) -> None:
-    """Write the landmarks of the submodels, unless the stored ones are up to date.
-
-    Args:
-        features: Folder of the photos' features.
-    """
+    """Write the landmarks of the submodels, unless the stored ones are up to date."""
     file = folder / CLOUD_FILE
     there = read_cloud(file)
     if there is not None and there.key == submodels.cloud_key:
@@ -311,9 +306,7 @@ class ComparedPhotos:
     """The photos to compare; a Dask worker reads their features from files.
 
     Args:
-        folder: Folder of the features.
         contents: SHA-256 of the photos.
-        photos: The photos, if they are in memory.
     """
 
     def __init__(
@@ -355,7 +348,6 @@ def compare_photos(
     Raises Cancelled, ProcessLost, ClusterUnavailable, UsageError, MissingPart.
 
     Args:
-        photos: Photos with their content hashes.
         at: (p,) complex128. Positions on the map; NaN where there is none.
         place: Its folder is that of the features.
     """

@@ -84,11 +84,7 @@ def _place_json(one: SuggestedPlace, *, accepted: bool) -> dict[str, Any]:
 
 
 def keep(cfg: Path, report: RestReport, *, revision: int) -> None:
-    """Store suggestions for the page of the map. Raises StorageError.
-
-    Args:
-        revision: Revision of the map that they are for.
-    """
+    """Store suggestions for the page of the map. Raises StorageError."""
     content = {"version": _VERSION, "revision": revision, **as_json(report)}
     with _one_writer(cfg):
         found = {photo["id"] for photo in content["photos"] if "error" not in photo}
@@ -222,7 +218,6 @@ def export_models(
     """Write each model of a reconstruction into its own folder, first the one that is joined on the map.
 
     Args:
-        folder: Folder of the reconstruction.
         names: Names of the photos, by the SHA-256 of their files.
         binary: Whether to write COLMAP's binary format, else text.
         only_named: Whether to leave out photos without a name, with the points that only they see.

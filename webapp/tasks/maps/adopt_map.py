@@ -72,9 +72,7 @@ def adopt_map(
 
     Args:
         slug: Name of the folder, which has a `map.cfg`.
-        account_id: Owner of the map.
         settings: Only the limits of photos are used.
-        progress: One step per photo.
 
     Returns:
         Id of the map.
@@ -154,7 +152,6 @@ def fill(session: Session, record: MapRecord, contents: FolderContents) -> None:
     """Fill a record with the contents of its folder; the files count as exported by the library.
 
     Args:
-        session: Session with write access.
         record: In the database, without photos.
     """
     map_ = contents.map
@@ -350,7 +347,6 @@ def add_removed(session: Session, record: MapRecord, rows: Iterable[Photo]) -> N
     """Add records of photos marked as removed, so that the edit that restores them can be undone.
 
     Args:
-        session: Session with write access.
         rows: Marked as removed, with ids from `next_id` on, not yet assigned to a map.
     """
     for row in rows:

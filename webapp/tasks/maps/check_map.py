@@ -182,7 +182,6 @@ def check_map(
 
     Args:
         settings: Only the limits of photos are used.
-        progress: One step per photo.
         content: Used instead of the content of the map file.
 
     Raises:

@@ -75,9 +75,6 @@ def list_findings(
 ) -> list[Problem]:
     """Check a map of the library, as stored in its records. Raises StorageError, Cancelled.
 
-    Args:
-        progress: One step per photo.
-
     Returns:
         Errors first.
     """
@@ -208,7 +205,6 @@ def fix_findings(
     Args:
         fix: One of `findings.FIX_NAMES`.
         ids: Photos; ignored by fixes of the map as a whole.
-        account_id: Author of the edit.
 
     Returns:
         Revision of the edit; None if the records did not change.

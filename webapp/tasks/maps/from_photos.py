@@ -91,7 +91,6 @@ def map_from_photos(
 
     Args:
         folder: Searched recursively.
-        progress: One step per file.
 
     Returns:
         Lists every file, placed or not.
@@ -237,8 +236,6 @@ class NewMapFolder:
     """The folder into which a map is written.
 
     Args:
-        cfg: The map to write.
-        photos: Folder of the photos.
         copy: Whether to copy photos and image from outside the map's folder into it.
     """
 

@@ -36,9 +36,6 @@ def find_weak_places(
 
     Raises MapError, UsageError, StorageError, Cancelled.
 
-    Args:
-        progress: Two steps per photo, after those of the index.
-
     Returns:
         As from `read_health`.
     """

@@ -78,7 +78,6 @@ def take(
     """Apply the file to the records, as one edit that can be undone.
 
     Args:
-        account_id: Author of the edit.
         sha256: Hash of the file that was shown.
 
     Raises:
@@ -166,9 +165,6 @@ class TakeOverPlan:
 
 def plan(session: Session, record: MapRecord, cfg: Path, *, files: PhotoFiles) -> TakeOverPlan:
     """Compare the file with the records.
-
-    Args:
-        files: Reads the photos that have no record.
 
     Raises:
         MapError: The file cannot be read as a map.

@@ -50,7 +50,6 @@ def free_path(session: Session, record: MapRecord, *, folder: Path, row: Photo, 
     An existing file with the same content and without a record is reused.
 
     Args:
-        folder: Folder of the map.
         row: Not yet part of the map; with its original name and its hash.
         suffix: Suffix of its format.
 

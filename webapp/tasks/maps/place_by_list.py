@@ -85,9 +85,6 @@ def place_by_list(
 ) -> tuple[PlacingResult, ListPreview]:
     """Place the photos of a list, as one edit; placed photos are moved only with `listed.move_placed`.
 
-    Args:
-        account_id: Author of the edit, who can undo it.
-
     Returns:
         As from `preview` just before.
     """

@@ -109,9 +109,6 @@ def place_by_track(
 ) -> tuple[PlacingResult, Preview]:
     """Place the photos in the tray that match the track, as one edit.
 
-    Args:
-        account_id: Author of the edit, who can undo it.
-
     Returns:
         As from `preview` just before.
     """

@@ -97,13 +97,7 @@ def find_spots(image: MapImage, wanted: Iterable[RequestedPose]) -> list[PhotoSp
 def place_spots(
     session: Session, record: MapRecord, *, spots: Iterable[PhotoSpot], kind: str, account_id: int
 ) -> PlacingResult:
-    """Place the photos that are within the image, as one edit.
-
-    Args:
-        session: Session with write access.
-        kind: Kind of the edit.
-        account_id: Author of the edit.
-    """
+    """Place the photos that are within the image, as one edit."""
     changes: dict[str, Mapping[str, Any]] = {}
     placed, outside = [], []
     for spot in spots:
@@ -125,9 +119,6 @@ def place_spots(
 
 def place_by_gps(library: Library, map_id: int, *, account_id: int) -> PlacingResult:
     """Place all photos in the tray whose GPS positions are within the image, as one edit.
-
-    Args:
-        account_id: Author of the edit, who can undo it.
 
     Raises:
         UsageError: The map has no satellite image, or the image has no georeference.

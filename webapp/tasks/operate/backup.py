@@ -113,7 +113,6 @@ def back_up(
     Args:
         target: Backup file; an existing one is replaced when the new one is complete.
         parts: Parts of the library with files, apart from maps.
-        progress: One step per file, for copying and then for verification.
 
     Raises:
         UsageError: The file would be in the library itself, or photos of the library are in S3 and this
@@ -305,7 +304,6 @@ def restore(
         parts: Parts of the library with files, apart from maps.
         url: Address of an empty database for the records, instead of a SQLite file in the folder.
         force: Restore even if the folder is not empty; its contents are kept in a folder of their own.
-        progress: One step per file.
 
     Raises:
         UsageError: The folder or the database is not empty.

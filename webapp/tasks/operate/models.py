@@ -165,9 +165,6 @@ def choose_file(name: str, source: Path | None, *, models: Models = MODELS) -> M
 def fetch(file: ModelFile, source: Path | None, *, settings: Settings, progress: Progress) -> Path:
     """Download a file, or copy it from a folder; only the published file is accepted, by its hash.
 
-    Args:
-        source: Folder with the file; None to download it.
-
     Returns:
         The file.
 

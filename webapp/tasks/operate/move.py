@@ -73,7 +73,6 @@ def move_to_server(folder: Path, url: str, *, progress: Progress) -> MoveReport:
 
     Args:
         url: Address of an empty database, or of one that this move has partly filled.
-        progress: One step per row.
 
     Raises:
         NotFound: There is no library in the folder.
@@ -108,10 +107,6 @@ def move_to_server(folder: Path, url: str, *, progress: Progress) -> MoveReport:
 
 def move_to_file(folder: Path, url: str | None, *, progress: Progress) -> MoveReport:
     """Move the records of a library from a server to SQLite.
-
-    Args:
-        url: Address of the database that holds them.
-        progress: One step per row.
 
     Raises:
         NotFound: There is no library in the folder.
@@ -371,9 +366,6 @@ def _exclusively(library: Library, *, progress: Progress) -> Iterator[None]:
 
 def move_to_folder(folder: Path, settings: Settings, *, progress: Progress) -> ObjectsMoved:
     """Fetch all objects of a library as files, verify their hashes, and detach the storage.
-
-    Args:
-        progress: One step per object.
 
     Raises:
         UsageError: The library has no storage.

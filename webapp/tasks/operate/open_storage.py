@@ -26,11 +26,7 @@ _WAIT_S = 60.0
 
 
 def refuse_objects(inner: Path, *, doing: str) -> None:
-    """Refuse work that cannot access photos in the object storage, if there are any. Raises UsageError.
-
-    Args:
-        inner: The folder `.library`.
-    """
+    """Refuse work that cannot access photos in the object storage, if there are any. Raises UsageError."""
     address = read_marker(inner)[0]
     if address is not None:
         raise UsageError(

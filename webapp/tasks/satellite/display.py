@@ -148,8 +148,6 @@ def write_small(folder: Path, name: str, *, small: NDArray[np.uint8], large: boo
     """Write the smaller copies of an image.
 
     Args:
-        folder: Folder of the map.
-        name: File name of the image.
         small: (h, w, 3) uint8. Red, green, blue; at least as large as a preview if the image is.
         large: Whether a preview is needed in addition to the thumbnail.
 
@@ -182,12 +180,7 @@ def make_tiles(library: Library, map_id: int, *, settings: Settings, progress: P
 
 
 def forget(folder: Path, name: str) -> None:
-    """Delete an image, the record of its source, and all files derived from it.
-
-    Args:
-        folder: Folder of the map.
-        name: File name of the image.
-    """
+    """Delete an image, the record of its source, and all files derived from it."""
     path, key = folder / name, _key(folder, name)
     if key is not None:
         shutil.rmtree(_derived(folder, key), ignore_errors=True)  # can be made again
@@ -272,11 +265,7 @@ def _write(path: Path, pixels: NDArray[np.uint8], side: int) -> None:
 
 
 def _encode(path: Path, bgr: MatLike, quality: int) -> None:
-    """Write a BGR or BGRA image in the format of the file's suffix.
-
-    Args:
-        quality: OpenCV's flag for the quality in this format.
-    """
+    """Write a BGR or BGRA image in the format of the file's suffix."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -71,11 +71,7 @@ def _image(floor: Mapping[str, Any]) -> str | None:
 
 @contextmanager
 def removed_if_refused(library: Library, map_id: int, *, name: str) -> Iterator[None]:
-    """Delete the file of a new image if the map refuses it.
-
-    Args:
-        name: File name of the image in the map's folder.
-    """
+    """Delete the file of a new image if the map refuses it."""
     try:
         yield
     except UsageError:

@@ -234,11 +234,7 @@ def _kept_image(
 
 
 def plan_transform(file: Path, base: MapImage, *, size: tuple[int, int]) -> Affine:
-    """Align a new image with the map by the georeferences of both, else stretch it over the whole map.
-
-    Args:
-        size: Width and height of the image, pixels.
-    """
+    """Align a new image with the map by the georeferences of both, else stretch it over the whole map."""
     return _by_georeference(file, base, size=size) or stretched(*size, over=(base.width, base.height))
 
 

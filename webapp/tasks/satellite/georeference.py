@@ -73,10 +73,6 @@ def preview(
 ) -> dict[str, Any]:
     """Describe a georeference, for a check before it is applied.
 
-    Args:
-        request: The input that it was made from.
-        width, height: Of the image, pixels.
-
     Returns:
         `kind` (the fit), `residuals` (metres, one per control point), `rms_m`, `warnings`, `corners`
             (`top_left` and so on, each `lat`, `lon`), `metres_per_pixel`, `north_deg`, `points` (for each
@@ -154,9 +150,6 @@ class GeoSource:
 
 def georeference_image(image: Path, source: GeoSource, *, width: int, height: int) -> GeoreferenceFit:
     """Make the georeference of an image.
-
-    Args:
-        width, height: Of the image, pixels.
 
     Raises:
         GeoreferenceError, TableError: The source gives none; `where` names its file.

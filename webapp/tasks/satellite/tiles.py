@@ -94,9 +94,6 @@ def fetch_tiles(
 
     Fetched tiles stay in the library's cache, so that an interrupted download can be resumed.
 
-    Args:
-        progress: One step per tile.
-
     Raises:
         NotFound, UsageError, GeoreferenceError: As `plan`.
         InputError: The service does not answer, refuses, or has no tile of the area at all.

@@ -62,10 +62,6 @@ def add_street_photos(
 ) -> StreetReport:
     """Download photos and add them, each as soon as it has arrived.
 
-    Args:
-        request: The request of the survey.
-        progress: One step per photo of the service.
-
     Raises:
         NotFound: The service is no longer configured, or the map no longer exists.
         InputError: The service failed several times in a row; photos added before stay.

@@ -146,9 +146,6 @@ def survey_street(
 ) -> StreetSurvey:
     """List the photos that a service has of an area.
 
-    Args:
-        limit_s: Time limit, seconds.
-
     Raises:
         NotFound: The service is not configured.
         UsageError: The map has no georeference; the area is empty, not on the image, or has too many photos.

@@ -41,11 +41,7 @@ _csrf = CSRFProtect()
 
 
 def allow_images(*origins: str) -> None:
-    """Allow the page of this request to load images from other origins, such as map tiles.
-
-    Args:
-        *origins: Each `https://host`; from the settings, never from a client.
-    """
+    """Allow the page of this request to load images from other origins, such as map tiles."""
     g.image_origins = (*g.get("image_origins", ()), *origins)
 
 
@@ -177,9 +173,6 @@ def _policy() -> str:
 
 def secret_key(folder: Path) -> str:
     """Read the secret key, or make one if there is none; all worker processes get the same.
-
-    Args:
-        folder: The inner folder of a library.
 
     Returns:
         64 hexadecimal digits.

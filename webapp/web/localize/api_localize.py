@@ -230,9 +230,6 @@ def received(
     """Write the uploaded photos to temporary files, which are deleted after the block.
 
     Raises UsageError, InputError, NotFound, StorageError.
-
-    Args:
-        again: Id of a stored query whose photo is used again, instead of files.
     """
     if bool(files) == (again is not None):
         raise UsageError(

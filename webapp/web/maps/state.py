@@ -119,7 +119,6 @@ def edited(record: MapRecord, revision: int | None) -> dict[str, Any]:
     """Return the changes made by one edit, without concurrent edits, which `changes` returns.
 
     Args:
-        record: The map, before or after the edit.
         revision: Revision of the edit; None if it changed nothing.
 
     Returns:

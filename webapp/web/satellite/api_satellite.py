@@ -164,11 +164,7 @@ def _fitted(
 
 
 def answer(record: MapRecord, applied: ImageEditResult, *, warnings: Sequence[str] = ()) -> dict[str, Any]:
-    """Return the changes made by an edit of the image or its georeference.
-
-    Args:
-        record: Its state before the edit.
-    """
+    """Return the changes made by an edit of the image or its georeference."""
     who = account()
     with library().database.read() as session:
         row = session.get_one(MapRecord, record.id)
