@@ -139,9 +139,6 @@ def parse_json(data: bytes, *, where: str, most_values: int | None = None) -> Js
     Args:
         most_values: Limit of the number of values, each of which takes some 150 bytes of memory.
 
-    Returns:
-        The root, with the path `$`.
-
     Raises:
         MapJsonError: The JSON is invalid; syntax errors have line and column.
     """

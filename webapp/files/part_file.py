@@ -59,9 +59,6 @@ def append(part: Path, data: bytes, *, offset: int, size: int) -> int:
         part: Created with the first chunk.
         offset: Position of the chunk in the file, according to the sender.
 
-    Returns:
-        Bytes received so far.
-
     Raises:
         WrongOffset: The bytes received so far do not end at `offset`; nothing was changed.
         InputError: The chunk exceeds the size of the file.
@@ -92,9 +89,6 @@ def receive(part: Path, stream: IO[bytes], *, max_bytes: int) -> int:
 
     Args:
         part: Must not exist.
-
-    Returns:
-        Bytes written.
 
     Raises:
         InputError: There are more than `max_bytes`; nothing was kept.

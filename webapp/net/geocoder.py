@@ -30,11 +30,7 @@ class GeocoderResult:
 
 
 def search(text: str, *, language: str, settings: GeocoderSettings) -> tuple[GeocoderResult, ...]:
-    """Send one request to the host.
-
-    Returns:
-        The best match first; empty if there is none.
-    """
+    """Send one request to the host; the best match comes first."""
     wish = {"q": text, "format": "jsonv2", "limit": str(_MOST), "accept-language": language}
     try:
         content = json.loads(_ask(str(settings.address), wish, timeout_s=settings.timeout_s))

@@ -57,9 +57,6 @@ def keep(library: Library, slug: str, *, download: Download, blurring: str | Non
 
     Args:
         blurring: What was blurred before it was made, from `blurring_of`.
-
-    Returns:
-        Name of the file.
     """
     folder = _folder(library, slug)
     path = _kept_path(folder, download.name, blurring)

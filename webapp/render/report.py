@@ -51,11 +51,7 @@ class Figure:
 
 
 def render_report(evaluation: Evaluation, *, worst: Sequence[QueryPictures]) -> str:
-    """Write the report of an evaluation.
-
-    Returns:
-        HTML that needs no other file and no network.
-    """
+    """Write the report of an evaluation."""
     subject, summary = evaluation.subject, evaluation.summary
     environment = Environment(
         loader=FileSystemLoader(resource_folder("templates")),
@@ -221,11 +217,7 @@ def _jpeg(image: Image.Image) -> bytes:
 
 
 def results_csv(rows: Iterable[Row]) -> str:
-    """Write the table, columns separated by semicolons; unknown values are empty.
-
-    Returns:
-        With a header line.
-    """
+    """Write the table, columns separated by semicolons; unknown values are empty."""
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, delimiter=";", lineterminator="\n")
     writer.writeheader()

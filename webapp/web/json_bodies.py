@@ -69,10 +69,7 @@ def init_app(_app: Flask) -> None:
 
 
 def read_json(request: Request, schema: Schema) -> Any:
-    """Read the body of a request within the limits of its schema.
-
-    Returns:
-        The parsed JSON; an empty object if the request has none.
+    """Read the body of a request within the limits of its schema; an empty object if there is none.
 
     Raises:
         RequestEntityTooLarge: There are too many bytes or values.

@@ -37,13 +37,10 @@ def compose(after: Affine, before: Affine) -> Affine:
 
 
 def affine_through(before: NDArray[np.float64], after: NDArray[np.float64]) -> Affine | None:
-    """Fit a transformation by least squares.
+    """Fit a transformation by least squares; None if the points are on one line, or not finite.
 
     Args:
         before, after: (n, 2) float64. At least three points, and their images.
-
-    Returns:
-        None if the points are on one line, or not finite.
     """
     if not (np.isfinite(before).all() and np.isfinite(after).all()):
         return None

@@ -45,9 +45,6 @@ def parse_crs(plane: str) -> CRS:
     Args:
         plane: An authority code (`EPSG:4326`, `EPSG:32633`), a PROJ string, or WKT.
 
-    Returns:
-        Two-dimensional, geographic or projected.
-
     Raises:
         GeoreferenceError: PROJ does not know it, it is neither geographic nor projected, or it may name a
             file.

@@ -66,13 +66,10 @@ class Georeference:
         return latlon_from_plane(self.plane, _project(self.matrix, pixels))
 
     def pixel_from_latlon(self, latlon: ArrayLike) -> NDArray[np.float64]:
-        """Convert latitude and longitude to map pixels.
+        """Convert latitude and longitude to map pixels: (n, 2) float64; NaN where there is none.
 
         Args:
             latlon: (n, 2) float64. Degrees north, degrees east.
-
-        Returns:
-            (n, 2) float64: x, y; NaN where there is none.
         """
         return _project(_inverse(self.matrix), plane_from_latlon(self.plane, latlon))
 

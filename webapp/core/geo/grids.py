@@ -41,11 +41,7 @@ class Utm:
 
 
 def utm(position: LatLon) -> Utm | None:
-    """Convert a position to UTM.
-
-    Returns:
-        None outside the latitudes of the grid, and for an invalid position.
-    """
+    """Convert a position to UTM; None outside the latitudes of the grid, and for an invalid position."""
     lat, lon = position
     if not (SOUTH_END <= lat <= NORTH_END and math.isfinite(lon)):
         return None

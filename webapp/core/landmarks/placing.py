@@ -484,9 +484,6 @@ def propose_next(
 
     Submodels that are not on the map yet come first, the largest first: each needs two photos, far apart.
     Then comes the most uncertain photo of each submodel that is on the map.
-
-    Returns:
-        Numbers of photos.
     """
     placed = np.isfinite(known.at)
     missing: list[int] = []

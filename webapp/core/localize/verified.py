@@ -216,11 +216,7 @@ _MIN_ROLL_DEG = 5.0
 
 
 def _roll_correction(askew_deg: float) -> NDArray[np.float64]:
-    """Compute the rotation about the line of sight that levels the frame of a rolled query.
-
-    Returns:
-        (3, 3) float64
-    """
+    """Compute the rotation about the line of sight that levels the frame of a rolled query."""
     turn = math.radians(askew_deg) if abs(askew_deg) > _MIN_ROLL_DEG else 0.0
     cos, sin = math.cos(turn), math.sin(turn)
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])

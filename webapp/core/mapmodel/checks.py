@@ -291,9 +291,6 @@ def judge(
     Args:
         answers: By id: first the answer with the photo itself hidden, then others with its whole place
             hidden.
-
-    Returns:
-        Of those with answers, in the order of the map.
     """
     judged = []
     for e in experiences:

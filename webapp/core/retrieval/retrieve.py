@@ -117,9 +117,6 @@ def weighted_votes(found: Candidates, photos: int) -> NDArray[np.float64]:
 
     Args:
         found: (n, k)
-
-    Returns:
-        (photos,) float64
     """
     weight = np.maximum(_yardstick(found) - found.distance, 0.0)
     voted = found.photo >= 0
@@ -159,11 +156,7 @@ def shortlist(
 def rematch_with_network(
     indexed: IndexedMap, query: Features, *, listed: list[ShortlistedPhoto], matcher: PairMatcher
 ) -> list[ShortlistedPhoto]:
-    """Match the photos of a shortlist with the query by a network; their votes do not change.
-
-    Returns:
-        In the same order.
-    """
+    """Match the photos of a shortlist with the query by a network; their votes do not change."""
     found = []
     for one in listed:
         photo = indexed.features(one.photo)

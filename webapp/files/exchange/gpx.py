@@ -109,9 +109,6 @@ def parse_gpx(data: bytes) -> FixTrack:
 
     Fixes without a time or a valid latitude and longitude are left out; so are routes and waypoints.
 
-    Returns:
-        Has at least two fixes.
-
     Raises:
         TrackError: The file is too large or malformed, declares a document type (which can exhaust a reader's
             memory), or has fewer than two fixes with times.

@@ -110,9 +110,6 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], *, meta: Mappin
     Args:
         path: May contain `{hash}`, which becomes the first 16 characters of the content's SHA-256.
         meta: JSON values for the header.
-
-    Returns:
-        Those 16 characters.
     """
     parts = _parts(arrays, meta)
     content = hashlib.sha256()

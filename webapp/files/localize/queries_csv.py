@@ -34,9 +34,6 @@ def read(path: Path) -> list[Query]:
     A byte order mark, CRLF line ends and blank lines at the end are accepted, no other deviation.
     Paths are relative to the folder of the list and may leave it; the photos are not opened.
 
-    Returns:
-        At least one, in the order of the file.
-
     Raises:
         TableError: The file cannot be read, or breaks the format at a line and column.
     """

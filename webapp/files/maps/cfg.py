@@ -81,9 +81,6 @@ def format_cfg(map_: Map, *, like: CfgDocument | None = None) -> bytes:
             are kept: an unchanged document gives identical bytes. Without it the form is canonical: no byte
             order mark, LF after every line, no spaces around columns.
 
-    Returns:
-        UTF-8.
-
     Raises:
         MapError: A name or number that a `.cfg` cannot hold, a position outside the image, or a duplicate id.
     """

@@ -215,13 +215,10 @@ def read_time(exif: Exif) -> str | None:
 
 
 def read_fov(exif: Exif, *, width: int, height: int) -> Fov | None:
-    """Read the horizontal field of view.
+    """Read the horizontal field of view; None if it is missing or implausible, or the photo is cropped.
 
     Args:
         width, height: Of the upright photo, pixels.
-
-    Returns:
-        None if EXIF lacks it, has 0 or an implausible value, or the photo has been cropped.
 
     Notes:
         The focal length "in 35 mm film" refers to the diagonal (43.27 mm), as CIPA DCG-001 defines it.

@@ -255,9 +255,6 @@ _ENCODING: Mapping[Kind, tuple[int, int]] = {
 def make_previews(source: Path, *, limits: PhotoLimits, blurred: Sequence[BlurBox] = ()) -> dict[Kind, bytes]:
     """Decode a photo completely and make its previews.
 
-    Returns:
-        A JPEG file for the preview, a WebP file for the thumb.
-
     Raises:
         PhotoError: It is not a photo, is damaged or truncated, or exceeds the limits.
         Busy: Too many others are being decoded.

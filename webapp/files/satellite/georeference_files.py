@@ -100,9 +100,6 @@ def read_control_points(path: Path) -> list[ControlPoint]:
     Args:
         path: Semicolon table with the header `x;y;lat;lon`: pixels right of and below the image's outer
             top-left corner, degrees north and east; or points of QGIS (`.points`).
-
-    Returns:
-        At least one.
     """
     qgis = _qgis_points(read_text(path, error=TableError).splitlines(), where=str(path))
     if qgis is not None:
@@ -191,9 +188,6 @@ def read_worldfile(path: Path, *, width: int, height: int, crs: str | None = Non
     Args:
         crs: Coordinate system of the numbers. Default: the one of the `.prj` next to it, else EPSG:4326
             (degrees of longitude and latitude), if the numbers are in its range.
-
-    Returns:
-        Without residuals.
 
     Raises:
         GeoreferenceError: The file cannot be read, does not hold six numbers, has no plausible coordinate

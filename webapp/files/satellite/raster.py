@@ -334,13 +334,10 @@ QUALITY = 92
 
 
 def keep_file(source: Path, folder: Path) -> str:
-    """Move a PNG or JPEG file into the map's folder, named by its hash.
+    """Move a PNG or JPEG file into the map's folder, named by its hash, and return its name.
 
     Args:
         source: On the same disk.
-
-    Returns:
-        `satellite-<8 hexadecimal digits of its hash>.png` or `.jpg`.
     """
     with source.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
@@ -357,9 +354,6 @@ def keep_pixels(pixels: NDArray[np.uint8], folder: Path, *, lossless: bool = Tru
     Args:
         pixels: (h, w, 3) uint8. Blue, green, red.
         lossless: PNG, else JPEG.
-
-    Returns:
-        As `keep_file`.
     """
     if lossless:
         data = cv2.imencode(".png", pixels)[1].tobytes()

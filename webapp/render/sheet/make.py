@@ -199,11 +199,7 @@ class SheetContent:
 def draw_sheet(
     content: SheetContent, *, form: SheetFormat, options: SheetOptions, words: SheetWords
 ) -> bytes:
-    """Draw a map on one sheet of paper.
-
-    Returns:
-        PDF or PNG; the same content always gives the same bytes.
-    """
+    """Draw a map on one sheet of paper, as PDF or PNG; the same content gives the same bytes."""
     size = page_size(content.map, options)
     title = options.title or content.title
     drawing: Drawing = PdfDrawing(size, title=title) if form == "pdf" else PngDrawing(size, dpi=options.dpi)

@@ -21,11 +21,7 @@ _ALTITUDE_M = 4000.0
 
 
 def render(stage: Stage, camera: SceneCamera, *, rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Render a photo.
-
-    Returns:
-        (h, w, 3) uint8: Red, green, blue.
-    """
+    """Render a photo: (h, w, 3) uint8; red, green, blue."""
     large = camera.resized(_OVERSAMPLING)
     frame = Frame.empty(large)
     for number in visible(stage, large):

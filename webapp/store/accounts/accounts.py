@@ -76,11 +76,7 @@ def end_sessions(account: Account) -> None:
 
 
 def new_token(session: Session, account: Account, *, name: str) -> str:
-    """Create an API token.
-
-    Returns:
-        The token; only its hash is stored.
-    """
+    """Create an API token; only its hash is stored."""
     name = _checked_name(name)
     if any(token.name == name for token in tokens(session, account)):
         raise Conflict(

@@ -28,11 +28,7 @@ _SIGNED_IN = select(Account).where(
 
 
 def new_link(session: Session, account: Account, *, hours: int) -> str:
-    """Create a sign-in link for an account.
-
-    Returns:
-        The secret end of its URL; only its hash is stored.
-    """
+    """Create a sign-in link for an account, and return the secret end of its URL; only its hash is stored."""
     token = secrets.token_urlsafe(24)
     session.execute(delete(SignInLink).where(SignInLink.expires_at < now() - timedelta(days=30)))
     session.add(

@@ -109,16 +109,13 @@ def apply(
     account_id: int | None,
     seen: int | None = None,
 ) -> Edit | None:
-    """Change some fields of a map as one step that can be undone.
+    """Change some fields of a map as one step that can be undone; None if nothing changes.
 
     Args:
         changes: New values of fields by target; None removes a position in another placement, a control
             point, a note or a floor. A photo's position without `radius_px` is exact.
         kind: A word for the edit: `place`, `move`, `turn`, `remove`, `satellite` ...
         account_id: Author of the edit.
-
-    Returns:
-        None if all fields already have these values.
 
     Raises:
         Conflict: Nothing was changed.

@@ -293,9 +293,6 @@ def add_photo(session: Session, record: MapRecord, *, row: Photo) -> Photo:
 
     Args:
         row: Without map and revision; if it has no id, it gets the next one.
-
-    Returns:
-        `row`, or the existing photo.
     """
     same = select(Photo).where(Photo.map_id == record.id, Photo.sha256 == row.sha256)
     there = session.scalars(same).first()

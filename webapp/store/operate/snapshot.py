@@ -51,9 +51,6 @@ def copy_to(database: Database, target: Path, *, readers: Mapping[str, Reader]) 
 
     Args:
         target: Its content is replaced.
-
-    Returns:
-        Of the copy.
     """
     try:
         if database.engine.dialect.name != "sqlite":

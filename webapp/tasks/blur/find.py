@@ -309,11 +309,7 @@ def _blur(
 
 
 def accept_in_folder(cfg: Path, suggested: Iterable[SuggestedBoxes]) -> list[int]:
-    """Add suggested blur boxes to the photos of a map outside a library. Raises MapError, StorageError.
-
-    Returns:
-        Ids of the photos that have new boxes.
-    """
+    """Add suggested blur boxes to the photos of a map outside a library. Raises MapError, StorageError."""
     by_id = {one.id: one for one in suggested}
     the_map = read_map(cfg)
     experiences = tuple(_blurred(e, by_id) for e in the_map.experiences)

@@ -45,11 +45,7 @@ class StoredEvaluation:
 
 
 def keep(cfg: Path, evaluations: Sequence[Evaluation]) -> list[dict[str, Any]]:
-    """Write an evaluation, replacing the previous one. Raises StorageError.
-
-    Returns:
-        The objects that were written.
-    """
+    """Write an evaluation, replacing the previous one. Raises StorageError."""
     forms = [evaluate.to_json(one) for one in evaluations]
     write_text(_path(cfg), json.dumps(forms))
     return forms

@@ -46,9 +46,6 @@ def duplicate_map(
 
     Photos, images and indexes are never changed in place, so that both maps can share them by hard links.
 
-    Returns:
-        Slug of the copy.
-
     Raises:
         NotFound, UsageError: The map does not exist, or the name is not valid.
         StorageError, Cancelled: No copy was made.

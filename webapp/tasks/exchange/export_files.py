@@ -117,13 +117,10 @@ def export_map_cfg(library: Library, map_id: int, *, placement: str | None = Non
 
 
 def map_files(library: Library, map_id: int, *, source: Source) -> dict[str, bytes]:
-    """Return the text files of a map, all of the same revision.
+    """Return the text files of a map, all of the same revision, by name.
 
     They are read from the disk; if the `.cfg` there was changed from outside, or cannot be brought up to
     date as the disk takes nothing, they are made from `source`.
-
-    Returns:
-        By name: `map.cfg`, `map.json` if the map needs one, `NAME.cfg`.
     """
     try:
         is_current = export.export_map(library, map_id)

@@ -40,9 +40,6 @@ def choose_map(unpacked: UnpackedMap) -> Path:
     A `.cfg` that the JSON of another one lists as a placement is not a map; of several maps, `map.cfg` is
     chosen.
 
-    Returns:
-        The `map.cfg`.
-
     Raises:
         InputError: There is none, or there are several.
     """

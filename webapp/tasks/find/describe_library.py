@@ -80,9 +80,6 @@ def renew_basis(library: Library, *, settings: Settings, writes: Writes, progres
     """Train a basis, compute the vectors of the photos of all maps, and then let searches use it.
 
     Vectors that an interrupted run has computed are kept. Raises StorageError, Cancelled.
-
-    Returns:
-        Number of photos that have vectors.
     """
     _refresh_search(library, progress)  # for maps from a move or an older version
     with library.database.read() as session:

@@ -26,10 +26,7 @@ Points = Mapping[str, GroundControlPoint | None]
 
 
 def set_in_library(library: Library, map_id: int, *, points: Points, account_id: int) -> int | None:
-    """Change control points as one edit that can be undone.
-
-    Returns:
-        New revision of the map; None if nothing changed.
+    """Change control points as one edit that can be undone; return its revision, None if nothing changed.
 
     Raises:
         UsageError: The map has no image, or a point is not valid.

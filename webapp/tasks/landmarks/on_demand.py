@@ -113,9 +113,6 @@ def photos_around(opened: OpenMap, seeds: Sequence[int], *, count: int) -> list[
     Args:
         seeds: Ids of experiences, the best first; they are all chosen.
         count: Maximum number of photos, seeds included; a panorama counts as its views.
-
-    Returns:
-        Ids of experiences.
     """
     pairs = orient_map.stored_pairs(opened)
     ids = np.array([e.id for e in opened.map.experiences])

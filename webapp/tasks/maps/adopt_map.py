@@ -74,9 +74,6 @@ def adopt_map(
         slug: Name of the folder, which has a `map.cfg`.
         settings: Only the limits of photos are used.
 
-    Returns:
-        Id of the map.
-
     Raises:
         MapError: The folder cannot be read as a map.
         UsageError: The folder's name cannot be used in a URL, or the title in `map.json` is not valid.

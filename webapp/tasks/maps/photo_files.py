@@ -156,11 +156,7 @@ def _is_known(session: Session, record: MapRecord, path: str) -> bool:
 
 
 def sweep_uploads(library: Library, *, settings: Settings) -> int:
-    """Delete uploads that have not continued for `upload.keep_hours`.
-
-    Returns:
-        Number of files deleted.
-    """
+    """Delete uploads that have not continued for `upload.keep_hours`; return their number."""
     keep = timedelta(hours=settings.upload.keep_hours)
     with library.database.read() as session:
         begun, known = uploads.begun_before(session, now() - keep), uploads.known_ids(session)

@@ -171,15 +171,12 @@ def blur_photo(
     settings: Settings,
     changing: Changing | None = None,
 ) -> int | None:
-    """Replace the blurred boxes of a photo.
+    """Replace the blurred boxes of a photo; return the revision of the map, None if nothing changed.
 
     The previews are written before the record is committed, so that an old one is never shown as the new one.
 
     Args:
         changing: Used instead of `library.changing`, such as that of a job.
-
-    Returns:
-        New revision of the map; None if nothing changed.
 
     Raises:
         UsageError: A box is not valid, or there are too many.

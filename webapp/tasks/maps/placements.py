@@ -30,15 +30,12 @@ def put(
     positions: Mapping[int, MapPixel] | None = None,
     clusters_px: float | None = None,
 ) -> int | None:
-    """Create or replace a placement.
+    """Create or replace a placement; return the revision of the edit, None if nothing changed.
 
     Args:
         positions: Positions by photo id; by default those of the map.
         clusters_px: Instead of `positions`: move photos within this radius of each other to their common
             centre.
-
-    Returns:
-        Revision of the edit; None if nothing changed.
 
     Raises:
         UsageError: The name collides with another file, a position is outside the image, or no photo is

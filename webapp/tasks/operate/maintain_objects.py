@@ -63,10 +63,7 @@ def objects_lock(library: Library) -> FileLock:
 
 
 def move_photos(library: Library, *, stops: Callable[[], bool] = lambda: False) -> int:
-    """Call `move_locked_photos`, unless another process is moving files.
-
-    Returns:
-        Number of files stored.
+    """Call `move_locked_photos`, unless another process is moving files; return the number of files stored.
     """
     if in_use() is None:
         return 0

@@ -83,11 +83,7 @@ def removed_if_refused(library: Library, map_id: int, *, name: str) -> Iterator[
 
 
 def sweep(library: Library, map_id: int, *, keep: timedelta) -> int:
-    """Delete images that a killed process has left, once they are old enough.
-
-    Returns:
-        Number of images deleted.
-    """
+    """Delete images that a killed process has left, once they are old enough; return their number."""
     before = time.time() - keep.total_seconds()
     with library.database.read() as session:
         if not _left_behind(session, library, map_id, before=before):
