@@ -60,7 +60,6 @@ class Setting:
         return f"{number} {limit}, for example {self.default:g}"
 
     def check(self, value: object, *, where: str) -> Any:
-        """Convert a value to the kind of the setting."""
         if self._takes(value):
             return self.kind(value)
         raise UsageError(f"{value!r} is not allowed", where=where, hint=f"write {self.allowed}")

@@ -155,5 +155,4 @@ WEB_PARTS = Parts(
 
 
 def create_app(settings: Settings, *, library: Library | None = None) -> APIFlask:
-    """Make the application."""
     return make_app(settings, WEB_PARTS, library=library)

@@ -245,8 +245,6 @@ PHOTO_NAMES: dict[str, Sequence[str]] = {
 
 @dataclass(frozen=True, slots=True)
 class ColumnFields:
-    """The fields of a kind of table."""
-
     units: Mapping[str, Mapping[str, float]]  # The units of each field
     # Headers by which each field is recognised: lower case, words joined by `_`.
     names: Mapping[str, Sequence[str]]
@@ -328,8 +326,6 @@ def parse_columns(text: str, header: Sequence[str], *, fields: ColumnFields = PO
 
 
 class Header(NamedTuple):
-    """A header, taken apart."""
-
     field: str | None  # None if it is not recognised
     unit: str | None  # As written; None without one
     basis: int  # Of a time: 1 for UTC, -1 for a local time, 0 if it does not say

@@ -35,7 +35,6 @@ def make_folder(folder: Path) -> None:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Read a whole file."""
     try:
         return path.read_bytes()
     except OSError as error:

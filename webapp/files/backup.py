@@ -168,7 +168,6 @@ def unpack(path: Path, folder: Path, *, place: Callable[[str], Path], progress: 
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
-    """Read the manifest of a backup."""
     with _zip_errors(path), zipfile.ZipFile(path) as opened:
         return _manifest(opened)[0]
 

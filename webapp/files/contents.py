@@ -91,7 +91,6 @@ def connect(settings: Settings) -> ObjectStorage | None:
 
 
 def cache_folder(settings: Settings) -> Path:
-    """Return the folder of this machine's cache."""
     name = hashlib.sha256((settings.storage or "").encode()).hexdigest()[:16]
     return settings.cache_folder or user_cache_path("experience-map") / "objects" / name
 
@@ -107,7 +106,6 @@ def settings_at(path: Path, settings: Settings) -> Settings:
 
 @contextmanager
 def using(storage: ObjectStorage | None) -> Iterator[None]:
-    """Use a storage in the block."""
     before = in_use()
     use(storage)
     try:

@@ -165,7 +165,6 @@ def is_jpeg_xl(source: Path | bytes) -> bool:
 
 
 def jpeg_xl_error(where: str | None = None) -> PhotoError:
-    """Return the error about a JPEG XL image."""
     return PhotoError(
         "it is JPEG XL, which is not supported yet", where=where, hint="convert it to JPEG or PNG"
     )

@@ -66,7 +66,6 @@ class JsonField:
         return fields
 
     def items(self) -> list[JsonField]:
-        """Return the items of a list; none if it is missing."""
         if self.missing:
             return []
         if not isinstance(self.value, list):
@@ -183,7 +182,6 @@ def _is_unicode(value: object) -> bool:
 
 
 def by_id(field: JsonField, *, parse: Callable[[JsonField], tuple[int, T]]) -> dict[int, T]:
-    """Parse the items of a list, and return them by id."""
     found: dict[int, T] = {}
     for item in field.items():
         id, value = parse(item)

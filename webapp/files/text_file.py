@@ -40,13 +40,10 @@ _NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 @dataclass(frozen=True, slots=True)
 class TextRow:
-    """One line of a table."""
-
     fields: tuple[str, ...]  # As many as in the header
     where: str  # File and line
 
     def number(self, column: int) -> float:
-        """Return a column as a finite number."""
         text = self.fields[column].strip()
         value = float(text) if _NUMBER.fullmatch(text) else math.nan
         if not math.isfinite(value):

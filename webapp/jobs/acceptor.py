@@ -80,7 +80,6 @@ class Acceptor:
         self.receiving_end.close()
 
     def is_running(self) -> bool:
-        """Return whether it accepts connections."""
         return self._thread.is_alive()
 
     def stop(self) -> None:
@@ -285,7 +284,6 @@ class ReceivingEnd(socket.socket):
 
 
 def connection_queue() -> tuple[SendingEnd, ReceivingEnd]:
-    """Make a queue, whose ends do not block."""
     ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     for end in ends:
         end.setblocking(False)

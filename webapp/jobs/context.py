@@ -47,7 +47,6 @@ class Context:
             yield change
 
     def map(self) -> MapRecord:
-        """Read the map's record."""
         with self.library.database.read() as session:
             record = None if self.map_id is None else session.get(MapRecord, self.map_id)
         if record is None:
@@ -84,7 +83,6 @@ class JobProgress(Progress):
             self._sizes[self._stage : self._stage + 1] = [total]
 
     def advance(self, steps: int = 1) -> None:
-        """Count finished steps."""
         with self._lock:
             self._done += steps
 
@@ -104,7 +102,6 @@ class JobProgress(Progress):
         return self._stop.is_set()
 
     def stop(self) -> None:
-        """Request that the work stops."""
         self._stop.set()
 
     def give_way(self) -> None:

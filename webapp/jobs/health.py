@@ -47,7 +47,6 @@ class Drain:
         return self._begun
 
     def begin(self) -> None:
-        """Signal the drain to all processes."""
         if not self._begun:
             self._begun = True
             os.close(self._writing_end)
@@ -188,7 +187,6 @@ class ProcessLock:
         return True
 
     def release(self) -> None:
-        """Release the lock and delete its file."""
         self._lock.release()
         self._path(self.name).unlink(missing_ok=True)
 

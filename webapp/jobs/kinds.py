@@ -56,11 +56,9 @@ class JobRegistry:
     sweeps: tuple[Sweep, ...] = ()  # Run periodically, in addition to those of maps
 
     def short(self) -> frozenset[str]:
-        """Return the names of the short kinds."""
         return frozenset(name for name, kind in self.kinds.items() if kind.short)
 
     def function(self, kind: str) -> Function:
-        """Import the function that does a kind of job."""
         if kind not in self.kinds:
             raise UsageError(
                 f"unknown kind of job: {kind!r}",

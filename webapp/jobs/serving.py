@@ -358,7 +358,6 @@ class Child:
         self._started_at = time.monotonic()
 
     def ask_to_stop(self) -> None:
-        """Send SIGTERM."""
         if self._process is not None:
             self._process.terminate()
 

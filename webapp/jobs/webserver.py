@@ -74,7 +74,6 @@ class ClientSocket(socket.socket):
     _received = 0
 
     def begin_request(self) -> None:
-        """Reset the counters for a new request."""
         self._waited_s, self._received = 0.0, 0
 
     def setblocking(self, flag: bool) -> None:
@@ -214,7 +213,6 @@ class PatientWorker(ThreadWorker):  # type: ignore[misc]
         os._exit(0)
 
     def handle(self, conn: Connection) -> Any:
-        """Answer a request."""
         conn.sock.begin_request()
         return super().handle(conn)
 

@@ -53,7 +53,6 @@ class BoundedAdapter(HTTPAdapter):
 
 
 def bounded_session(user_agent: str, adapter: HTTPAdapter | None = None) -> requests.Session:
-    """Create a session for `answering`."""
     session = requests.Session()
     session.headers["User-Agent"] = user_agent
     adapter = adapter or BoundedAdapter()

@@ -58,8 +58,6 @@ class StreetPhoto:
 
 @dataclass(frozen=True, slots=True)
 class ListedPage:
-    """A page of the list of photos of a service."""
-
     items: list[Any]  # Descriptions of photos, in the format of the service
     next: str | None = None  # Address of the next page
 
@@ -97,8 +95,6 @@ class StreetService(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class StreetListing:
-    """The photos of an area."""
-
     photos: tuple[StreetPhoto, ...]
     # Number of photos whose descriptions cannot be used: without a file, a position, or a licence.
     unusable: int
@@ -196,7 +192,6 @@ def _quarters(box: GeoBox) -> list[GeoBox]:
 
 
 def plain_id(value: object) -> str:
-    """Return the id of a photo."""
     text = str(value)
     if not _PLAIN_ID.fullmatch(text):
         raise ValueError("not a plain id")
@@ -237,7 +232,6 @@ def short_text(value: Any) -> str | None:
 
 
 def time_text(value: Any) -> str | None:
-    """Read an optional time."""
     try:
         return datetime.fromisoformat(value).isoformat(timespec="milliseconds")
     except (TypeError, ValueError):

@@ -285,5 +285,4 @@ def _inlined_css() -> bytes:
 
 
 def data_uri(media_type: str, data: bytes) -> str:
-    """Encode a file as a data URI."""
     return f"data:{media_type};base64,{base64.b64encode(data).decode('ascii')}"

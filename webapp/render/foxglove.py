@@ -29,8 +29,6 @@ _NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class FoxglovePoint:
-    """A position on the Earth."""
-
     latlon: LatLon
     colour: RGB
     # Variance east, variance north, covariance of the two; None if unknown.

@@ -69,7 +69,6 @@ def folder() -> Path:
 
 @functools.cache
 def chapter(name: str) -> Chapter:
-    """Render a chapter."""
     if not any(name in names for names in CHAPTERS.values()):
         raise NotFound("the manual has no such chapter", hint="choose one from the list")
     parser = _parser()

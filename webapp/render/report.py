@@ -42,8 +42,6 @@ class QueryPictures:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A row of the table of figures."""
-
     name: str
     words: str
     value: str
@@ -51,7 +49,6 @@ class Figure:
 
 
 def render_report(evaluation: Evaluation, *, worst: Sequence[QueryPictures]) -> str:
-    """Write the report of an evaluation."""
     subject, summary = evaluation.subject, evaluation.summary
     environment = Environment(
         loader=FileSystemLoader(resource_folder("templates")),

@@ -47,8 +47,6 @@ _WAIT_S = 120
 
 @dataclass(frozen=True, slots=True)
 class Library:
-    """The folder and the database of a library."""
-
     folder: Path  # Absolute; has one folder per map
     database: Database
 
@@ -59,7 +57,6 @@ class Library:
 
     @property
     def uploads(self) -> Path:
-        """Folder of incomplete uploads."""
         return self.inner / "uploads"
 
     def map_folder(self, slug: str) -> Path:
@@ -67,7 +64,6 @@ class Library:
         return self.folder / slug
 
     def cfg(self, slug: str) -> Path:
-        """Return the map file of a map."""
         return self.map_folder(slug) / "map.cfg"
 
     @contextmanager

@@ -124,7 +124,6 @@ def adopted(session: Session, record: MapRecord) -> list[tuple[Photo, QueryRecor
 
 
 def names(session: Session, rows: list[QueryRecord]) -> dict[int, str]:
-    """Return the names of the accounts of some queries, by account id."""
     ids = {row.account_id for row in rows if row.account_id is not None}
     found = session.execute(select(Account.id, Account.name).where(Account.id.in_(ids)))
     return dict(found.all())

@@ -294,7 +294,6 @@ def directions_of(spot: Mapping[str, Any], words: PlanWords = ENGLISH) -> str:
 
 
 def walk_of(plan: Mapping[str, Any], words: PlanWords = ENGLISH) -> list[WalkPoint]:
-    """Convert a plan from `plan_json` to a walk."""
     spots = plan["spots"]
     if any(spot["lat"] is None for spot in spots):
         raise UsageError(

@@ -24,7 +24,6 @@ _TEXT = frozenset(
 
 
 def init_app(app: Flask) -> None:
-    """Register the compression of responses."""
     app.after_request(_compress)
 
 

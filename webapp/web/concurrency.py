@@ -35,7 +35,6 @@ class ConcurrencyLimit:
         self.init_app(setup.app)
 
     def init_app(self, app: App) -> None:
-        """Make the semaphore of an application."""
         state = cast(AppState, app.extensions[KEY])
         most = max(1, int(state.settings.serve.threads * self._share))
         app.extensions.setdefault(_EXTENSION, {})[self._name] = threading.BoundedSemaphore(most)

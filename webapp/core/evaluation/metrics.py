@@ -220,7 +220,6 @@ class Outcomes:
 
 
 def outcomes(results: Sequence[QueryResult]) -> Outcomes:
-    """Convert the results to arrays."""
     count = len(results)
     found = Outcomes(
         np.full(count, np.inf), np.full(count, np.inf), np.full(count, np.nan), np.full(count, np.nan)

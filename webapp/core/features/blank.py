@@ -34,7 +34,6 @@ def why_blank(gray: NDArray[np.uint8], features: Features) -> str:
 
 
 def why_too_few(features: Features) -> str:
-    """Return how few keypoints there are."""
     count = len(features)
     return "no keypoints" if not count else f"only {count} keypoint{'s' if count > 1 else ''}"
 

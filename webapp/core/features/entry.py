@@ -25,7 +25,6 @@ class ModelFile:
 
 
 def supplied_file(name: str, source: str) -> ModelFile:
-    """Describe a file that the user supplies."""
     return ModelFile(name, bytes=0, sha256="", licence="", source=source, address="")
 
 

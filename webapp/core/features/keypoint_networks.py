@@ -23,8 +23,6 @@ from webapp.errors import MissingPart, UsageError
 
 
 class Points(NamedTuple):
-    """Keypoints that a network detected in an image."""
-
     xy: NDArray[np.float32]  # (n, 2) float32. Pixels; pixel centres have whole numbers.
     score: NDArray[np.float32]  # (n,) float32
     descriptors: NDArray[np.float32]  # (n, width) float32

@@ -35,11 +35,9 @@ class Features:
     vector: NDArray[np.float32] | None = None
 
     def __len__(self) -> int:
-        """Count the keypoints."""
         return len(self.xy)
 
     def subset(self, rows: NDArray[np.int64]) -> Features:
-        """Select keypoints by their rows."""
         return Features(
             xy=self.xy[rows],
             size=self.size[rows],

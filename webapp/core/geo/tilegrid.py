@@ -153,8 +153,6 @@ _NEVER_OUTLIER_M = 300.0
 
 @dataclass(frozen=True, slots=True)
 class PhotoArea:
-    """The surroundings of photos."""
-
     box: GeoBox  # Includes a margin
     # `inside`, `outside`: Number of photos in it, and of outliers far away.
     inside: int

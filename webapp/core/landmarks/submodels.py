@@ -113,7 +113,6 @@ class Submodel:
     covariance: Array | None = None
 
     def __len__(self) -> int:
-        """Count the photos."""
         return len(self.photo)
 
 

@@ -60,7 +60,6 @@ class PlaceSearch:
 def with_probabilities(
     indexed: IndexedMap, found: PlaceSearch, *, calibration: Calibration, top: int
 ) -> Answer:
-    """Add probabilities to the places found."""
     if not found.places:
         return found.answer
     probability, off_map = probabilities(found.evidence, calibration)

@@ -72,8 +72,6 @@ class FileFacts:
 
 @dataclass(frozen=True, slots=True)
 class FolderFacts:
-    """Contents of the folder of a map."""
-
     satellite: FileFacts
     satellite_size: tuple[int, int] | None = None  # Actual width and height of the satellite image, pixels
     # By the name in the `.cfg`; a name without facts is not checked.

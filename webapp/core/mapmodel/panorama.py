@@ -63,7 +63,6 @@ def experience_of(id: int) -> int:
 
 
 def experiences_of(ids: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the ids of the experiences of photos or views."""
     return ids % _NUMBER
 
 

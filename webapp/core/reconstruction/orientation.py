@@ -264,7 +264,6 @@ class _Equations:
         return cls(np.zeros((photos, 4, 4)), np.zeros((photos, 4)))
 
     def add(self, photo: NDArray[np.int64], jacobian: Array, *, value: Array, strength: Array) -> None:
-        """Add the terms of matches to the equations of their photos."""
         count = len(self.vector)
         weighted = strength[:, None] * jacobian
         for row in range(4):

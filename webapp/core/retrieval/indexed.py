@@ -132,7 +132,6 @@ class IndexedMap:
         return any((s.photo_size == size).all(axis=1).any() for s in self.segments for size in sizes)
 
     def camera(self, photo: int) -> Camera:
-        """Build the camera of a photo that has features."""
         return Camera(*self.photo_size(photo), float(self.fov_deg[photo]))
 
     def ray_sigmas(self, sigma_px: float) -> NDArray[np.float64]:

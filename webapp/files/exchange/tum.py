@@ -37,7 +37,6 @@ class PlanarPose:
 
 
 def write(path: Path, poses: Iterable[PlanarPose], *, remarks: Iterable[str] = ()) -> None:
-    """Write a trajectory."""
     lines = [f"# {remark}" for remark in (*remarks, "timestamp tx ty tz qx qy qz qw")]
     for pose in poses:
         if pose.yaw_rad is None:

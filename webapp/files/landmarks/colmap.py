@@ -78,7 +78,6 @@ class Model:
 
 
 def as_model(reconstruction: Any) -> Model:
-    """Convert a pycolmap reconstruction to a `Model`."""
     images = sorted((reconstruction.image(i) for i in reconstruction.reg_image_ids()), key=lambda i: i.name)
     number = {image.image_id: row for row, image in enumerate(images)}
     shared = np.zeros((len(images), len(images)), np.int32)

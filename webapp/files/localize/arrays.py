@@ -187,7 +187,6 @@ def present(path: Path) -> Path:
 def _read_some(
     path: Path, entries: list[dict[str, Any]], in_file: Collection[str]
 ) -> dict[str, NDArray[Any]]:
-    """Read the arrays of a file into memory, except those of `in_file`."""
     file = OpenFile(path.open("rb", buffering=0), repair=REPAIR)
     arrays: dict[str, NDArray[Any]] = {}
     for entry in entries:

@@ -28,7 +28,6 @@ class StoredVectors:
 
 
 def file_name(weights: str) -> str:
-    """Return the name of the file of a model's vectors."""
     return f"global-{weights}.arrays"
 
 

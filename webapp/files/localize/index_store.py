@@ -45,8 +45,6 @@ _BLOCKS = b"IwPf"
 
 @dataclass(frozen=True, slots=True)
 class PhotoRecord:
-    """A map photo at the time of its indexing."""
-
     photo: str  # Path as in the map
     # `bytes`, `mtime_ns`: Size and modification time of the file: the same values mean the same content.
     bytes: int
@@ -94,18 +92,15 @@ class IndexFolder:
         self.manifest_path = folder / "manifest.json"
 
     def segment_path(self, name: str) -> Path:
-        """Return the path of a segment's features."""
         return self.folder / f"{name}.features"
 
     def codes_path(self, name: str, *, codebook: str, engine: Engine) -> Path:
-        """Return the path of a segment's codes."""
         return self.folder / f"{name}-{codebook}.{engine}"
 
     def codebook_path(self, name: str) -> Path:
         return self.folder / f"{name}.codebook"
 
     def spool_path(self, content: str) -> Path:
-        """Return the path of one finished photo."""
         return self.spool / f"{content}.features"
 
     def remove_unfinished(self) -> None:

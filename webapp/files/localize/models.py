@@ -250,7 +250,6 @@ def checked_weights(model: str, path: Path, *, sha256: str) -> bytes:
 
 
 def read_model(path: Path) -> bytes:
-    """Read an ONNX file."""
     if (_size(path) or 0) > _MOST_BYTES:
         raise InputError(
             f"it has more than {_MOST_BYTES / 1e9:.1f} GB, so it is not an ONNX file", where=path.name

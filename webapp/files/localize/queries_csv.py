@@ -21,8 +21,6 @@ _NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """A photo and its true position."""
-
     name: str  # Its path as written in the list
     path: Path  # The same, joined with the folder of the list
     truth: MapPixel  # May lie outside the map's image, for a photo that was not taken on the map

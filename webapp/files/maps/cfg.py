@@ -49,7 +49,6 @@ def parse_cfg(data: str | bytes, *, where: str | None = None) -> CfgDocument:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Read the bytes of a map file."""
     try:
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)

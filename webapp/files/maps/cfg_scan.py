@@ -243,7 +243,6 @@ def _is_photo(row: _Row) -> bool:
 
 
 def _count_fault(row: _Row) -> Finding | None:
-    """Find a wrong number of columns."""
     grammar = "image;width;height" if row.number == 1 else "id;photo;x;y"
     wanted, have = grammar.count(";") + 1, row.text.count(";") + 1
     if have == wanted:

@@ -214,7 +214,6 @@ def _read_placement(
 
 
 def boxes_in_file(folder: Path, the_map: Map, *, file: Path) -> tuple[BlurBox, ...]:
-    """Return the boxes that are blurred in a file if it is a photo of a map."""
     everyone: list[Experience | UnplacedPhoto] = [*the_map.experiences, *the_map.unplaced]
     photos = [one for one in everyone if one.blurred]
     if not photos:

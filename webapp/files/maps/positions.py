@@ -45,8 +45,6 @@ _BUDGET = Budget(memory_mb=300.0, cpu_s=10.0, wait_s=60.0)
 
 @dataclass(frozen=True, slots=True)
 class Positions:
-    """Positions of photos, by their names in the list."""
-
     by_name: Mapping[str, LatLon | MapPixel]  # Paths with forward slashes; all values of one kind
     # Size of the image to which pixels refer (from a `.cfg`); None for degrees and if unknown.
     image_size: tuple[int, int] | None = None
@@ -148,7 +146,6 @@ def _positions(entries: Sequence[ListedPosition], repeated: tuple[str, ...] = ()
 
 
 def is_geopackage(path: Path) -> bool:
-    """Return whether a file is a database."""
     try:
         with path.open("rb") as file:
             return file.read(len(geopackage.MAGIC)) == geopackage.MAGIC

@@ -117,7 +117,6 @@ class Bucket:
             self._probe.list_objects_v2(Bucket=self._bucket, Prefix=self._prefix, MaxKeys=1)
 
     def delete(self, key: str) -> None:
-        """Delete an object if it exists."""
         with self._asking("delete", key):
             self._client.delete_object(Bucket=self._bucket, Key=self._prefix + key)
 

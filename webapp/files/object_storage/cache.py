@@ -266,7 +266,6 @@ def pointed_path(pointer: Path) -> Path:
 
 
 def read_pointer(path: Path) -> Pointer | None:
-    """Read the pointer of a file; None if it has none."""
     place = pointer_path(path)
     try:
         return Pointer(**json.loads(place.read_bytes()))

@@ -77,7 +77,6 @@ class ObjectStorage:
 
 
 def _check_unchanged(file: Path, before: os.stat_result) -> None:
-    """Refuse a file that has changed."""
     now = file.stat()
     if (now.st_size, now.st_mtime_ns, now.st_ino) != (before.st_size, before.st_mtime_ns, before.st_ino):
         raise StorageError(

@@ -371,7 +371,6 @@ class Heading:
 
 
 def read_gps(tags: Mapping[int, object]) -> Gps | NoGps:
-    """Read the position from the tags of the GPS IFD."""
     if not any(tag in tags for tag in (_LAT, _LON, _LAT_REF, _LON_REF)):
         return ABSENT
     found = _position(tags)

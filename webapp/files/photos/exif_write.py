@@ -212,8 +212,6 @@ _COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class Geotag:
-    """The position of a photo."""
-
     position: LatLon  # WGS 84
     heading_deg: float | None = None  # Clockwise from true north; None if unknown
     # Whether the position is that of the photo's GPS; otherwise a person or a track set it.

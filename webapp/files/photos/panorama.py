@@ -33,8 +33,6 @@ GREY = 128
 
 @dataclass(frozen=True, slots=True)
 class PanoramaTags:
-    """The properties of a photo as a panorama."""
-
     is_marked: bool  # It has the XMP of an equirectangular panorama
     is_whole: bool  # It is twice as wide as high, and was not cropped
     heading_deg: float | None  # Heading of its middle
@@ -168,7 +166,6 @@ class MountedCamera:
     fov_deg: float | None  # None to use the EXIF of each photo
 
     def with_fov(self, fov_deg: float) -> RigCamera:
-        """Return its mounting with a field of view."""
         return RigCamera(self.yaw_deg, self.pitch_deg, self.roll_deg, fov_deg)
 
     def instant(self, name: str) -> str | None:
@@ -181,7 +178,6 @@ class MountedCamera:
 
 
 def read_rig(path: Path) -> tuple[MountedCamera, ...]:
-    """Read the file of a rig."""
     try:
         data = path.read_bytes()
     except OSError as error:

@@ -103,7 +103,6 @@ class GrayPhoto:
 
 
 def read_file(path: Path, *, limits: PhotoLimits) -> bytes:
-    """Read the whole file of a photo."""
     try:
         check_bytes(path, limits)
         return path.read_bytes()
@@ -301,7 +300,6 @@ def preview_path(
 def write_previews(
     folder: Path, stem: str, *, previews: Mapping[Kind, bytes], blurred: Sequence[BlurBox] = ()
 ) -> None:
-    """Write the previews of a photo into a folder, which is created if missing."""
     folder.mkdir(parents=True, exist_ok=True)
     for kind, data in previews.items():
         path = folder / preview_name(stem, kind, blurred=blurred)

@@ -73,7 +73,6 @@ class Sidecars:
         return self._of_photo.get(photo, ())
 
     def photo_of(self, name: str) -> str | None:
-        """Return the photo that a file belongs to."""
         return self._photo_of.get(name)
 
 

@@ -72,8 +72,6 @@ _SAMPLE_PX = 1000
 
 
 class Raster(Protocol):
-    """An opened image."""
-
     kind: Kind  # "PNG", "JPEG" or "GTiff". By content.
     # `width`, `height`: Pixels, as stored.
     width: int

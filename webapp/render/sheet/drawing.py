@@ -101,7 +101,6 @@ class PngDrawing:
         self._texts: list[tuple[Point, str, TextStyle]] = []
 
     def image(self, pixels: NDArray[np.uint8], box: Box) -> None:
-        """Put a picture into a box."""
         left, top, right, bottom = (round(side * self._scale) for side in box)
         shrinks = right - left < pixels.shape[1]
         way = cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC
@@ -109,7 +108,6 @@ class PngDrawing:
         self._canvas.paste(np.asarray(scaled, np.uint8), at=(left, top))
 
     def disc(self, centre: Point, radius: float, *, colour: RGB, opacity: float = 1.0) -> None:
-        """Fill a circle."""
         at, reach = self._px(centre), radius * self._scale
         if opacity >= 1:
             self._canvas.disc(at, reach, colour=colour)
@@ -126,7 +124,6 @@ class PngDrawing:
         self._canvas.ring(self._px(centre), radius * self._scale, colour=colour, width=width * self._scale)
 
     def polygon(self, corners: Sequence[Point], *, colour: RGB) -> None:
-        """Fill a convex polygon."""
         self._canvas.polygon([self._px(corner) for corner in corners], colour=colour)
 
     def line(self, start: Point, end: Point, *, colour: RGB, width: float) -> None:
@@ -191,7 +188,6 @@ class PdfDrawing:
         self._canvas.drawImage(ImageReader(jpeg), box.left, self._height - box.bottom, **size)
 
     def disc(self, centre: Point, radius: float, *, colour: RGB, opacity: float = 1.0) -> None:
-        """Fill a circle."""
         self._fill(colour, opacity)
         self._canvas.circle(centre[0], self._height - centre[1], radius, stroke=0, fill=1)
 
@@ -213,7 +209,6 @@ class PdfDrawing:
         self._canvas.line(start[0], self._height - start[1], end[0], self._height - end[1])
 
     def text(self, at: Point, text: str, *, style: TextStyle) -> None:
-        """Write one line."""
         shift = {"left": 0.0, "middle": 0.5, "right": 1.0}[style.anchor]
         x = at[0] - shift * text_width(text, style.size, bold=style.bold)
         self._canvas.setFont(self._fonts[style.bold], style.size)
@@ -287,8 +282,6 @@ class Box(NamedTuple):
 
 
 class LabelWanted(NamedTuple):
-    """A label, and the mark that it belongs to."""
-
     # `x`, `y`, `reach`: Centre and radius of the mark.
     x: float
     y: float

@@ -93,7 +93,6 @@ def _content(
     answers: tuple[SheetAnswer, ...],
     settings: Settings,
 ) -> SheetContent:
-    """Read the content of the sheet of a floor."""
     source, floor = _of_floor(source, id)
     map_, side = source.map, _side(source, options)
     satellite = _read(source, map_.satellite.path, lambda raster: reduced(raster, side), settings=settings)

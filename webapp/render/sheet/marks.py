@@ -64,8 +64,6 @@ class SheetView:
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """The scale of a printed map."""
-
     metres: float  # A round distance
     length: float  # Length of that distance on the paper, points
     ratio: float  # Denominator of the scale, as in 1 : 1000

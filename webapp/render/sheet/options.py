@@ -61,8 +61,6 @@ class SheetOptions:
 
 @dataclass(frozen=True, slots=True)
 class SheetAnswer:
-    """The best place of one answer."""
-
     name: str
     position: MapPixel
     probability: float

@@ -26,8 +26,6 @@ Leaves = tuple[tuple[Sprite, ...], ...]
 
 @dataclass(frozen=True, slots=True)
 class Foliage:
-    """Clumps of leaves."""
-
     centre: NDArray[np.float32]  # (n, 3) float32. Metres.
     radius: NDArray[np.float32]  # (n,) float32. Metres.
     colour: NDArray[np.uint8]  # (n, 3) uint8
@@ -88,7 +86,6 @@ def _crown(rng: np.random.Generator, tree: Tree, number: int) -> Foliage:
 
 
 def make_leaf_sprites(rng: np.random.Generator) -> Leaves:
-    """Make the sprites of clumps, at all sizes."""
     pictures = [_leaves(rng) for _ in range(_VARIANTS)]
     table = []
     for side in _SIDES:

@@ -37,7 +37,6 @@ def create(session: Session, name: str, *, is_owner: bool = False) -> Account:
 
 
 def rename(session: Session, account: Account, *, name: str) -> None:
-    """Rename an account."""
     account.name = _free_name(session, name, own=account.id)
 
 
@@ -103,14 +102,12 @@ def by_token(session: Session, token: str) -> tuple[Account, ApiToken] | None:
 
 
 def record_use(session: Session, token_id: int) -> None:
-    """Record that a token has just been used."""
     token = session.get(ApiToken, token_id, with_for_update=True)
     if token is not None:
         token.used_at = now()
 
 
 def revoke_token(session: Session, account: Account, *, token_id: int) -> None:
-    """Revoke a token."""
     token = session.get(ApiToken, token_id)
     if token is None or token.account_id != account.id:
         raise NotFound("token not found", hint="reload the page")

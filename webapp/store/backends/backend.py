@@ -36,8 +36,6 @@ MOVED = "library_moved"
 
 
 class Backend(ABC):
-    """A kind of database."""
-
     reading: ClassVar[Mapping[str, Any]] = {}
     """Options of read-only connections, so that each sees a consistent snapshot."""
 
@@ -126,7 +124,6 @@ def has_moved() -> StorageError:
 
 
 def read_only(where: str) -> DatabaseUnavailable:
-    """Return the error for a change of a database that is read-only."""
     return DatabaseUnavailable(
         "the database is read-only",
         wait_s=AGAIN_S,

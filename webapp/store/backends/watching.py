@@ -24,8 +24,6 @@ _TURN_S = 0.5
 
 
 class Watch(Protocol):
-    """Waits for a topic."""
-
     def wait(self, seconds: float) -> bool:
         """Wait until it is time to look again, at most `seconds`; return whether a change was announced."""
 
@@ -81,7 +79,6 @@ class Listener:
         return self._listening
 
     def close(self) -> None:
-        """Stop listening."""
         self._closed.set()
         if self._thread is not None:
             self._thread.join()

@@ -57,7 +57,6 @@ def _oldest_undone(columns: Any) -> Select[Any]:
 
 
 def _own(columns: Any, state: str) -> Select[Any]:
-    """Select the edits of an account on a map that are in a state."""
     there = Edit.map_id == bindparam("map_id"), Edit.account_id == bindparam("account_id")
     return select(columns).where(*there, Edit.state == state)
 
@@ -96,7 +95,6 @@ class NextStep:
 
 
 def is_of_photo(target: str) -> bool:
-    """Return whether a target ends with the id of a photo."""
     return target.startswith(("photo/", "placed/"))
 
 
@@ -263,7 +261,6 @@ class _Rows:
         return self._elsewhere.get((placement, int(number)))
 
     def revision(self, target: str) -> int:
-        """Return the revision that last changed a target."""
         if target == "map":
             return self.record.satellite_revision
         if target.split("/", 1)[0] in _LISTED:

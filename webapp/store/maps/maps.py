@@ -148,7 +148,6 @@ def list_maps(session: Session, account: Account, *, part: ListPart = _ALL) -> l
 
 
 def cursor(record: MapRecord) -> ListCursor:
-    """Return the position in the list after a map."""
     return ListCursor(record.changed_at, record.id)
 
 
@@ -314,7 +313,6 @@ def add_photo(session: Session, record: MapRecord, *, row: Photo) -> Photo:
 
 
 def reserve_id(record: MapRecord) -> int:
-    """Reserve the next photo id of a map."""
     record.next_id += 1
     return record.next_id - 1
 
@@ -386,8 +384,6 @@ _day = func.substr(Photo.taken_at, 1, 10)
 
 @dataclass(frozen=True, slots=True)
 class DayOfMap:
-    """The placed photos of a map of one day."""
-
     map: MapRecord
     count: int
     first: tuple[Photo, ...]  # The first of them

@@ -71,12 +71,10 @@ def finish(session: Session, id: str) -> None:
 
 
 def count_open(session: Session, *, account_id: int) -> int:
-    """Count the uploads that an account has begun and not finished."""
     return session.scalar(select(func.count()).where(Upload.account_id == account_id)) or 0
 
 
 def begun_before(session: Session, moment: datetime) -> list[Upload]:
-    """List the uploads that were begun before a moment."""
     return list(session.scalars(select(Upload).where(Upload.created_at < moment)))
 
 

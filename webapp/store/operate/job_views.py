@@ -92,7 +92,6 @@ class QueueFigures:
 
 
 def queue_figures(session: Session) -> QueueFigures:
-    """Count the jobs that have not ended."""
     at = moment(session)
     is_left = or_(Job.leased_until.is_(None), Job.leased_until < at)
     running = select(func.count()).where(Job.state == "running")

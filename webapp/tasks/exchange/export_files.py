@@ -135,7 +135,6 @@ def map_files(library: Library, map_id: int, *, source: Source) -> dict[str, byt
 
 
 def texts_of(map_: Map) -> dict[str, bytes]:
-    """Generate the text files of a map, by name."""
     texts: Mapping[str, bytes] = {
         "map.cfg": format_cfg(map_),
         "map.json": format_map_json(map_),
@@ -144,7 +143,6 @@ def texts_of(map_: Map) -> dict[str, bytes]:
 
 
 def export_map_kml(source: Source) -> Download:
-    """Return the photos of a map as KML."""
     data = format_kml(source.map, source.georeference(), title=source.title)
     return Download(f"{source.name}.kml", "application/vnd.google-earth.kml+xml", data)
 

@@ -92,7 +92,6 @@ def adjust_submodels(
 
 
 def _key_of(known: KnownPositions, the_map: Map) -> str:
-    """Return a hash of the known positions and their accuracies."""
     rows = np.column_stack([known.at.real, known.at.imag, known.sigma_px]).round(3).tolist()
     points = [asdict(point) for point in the_map.control_points if point.position is not None]
     return hashlib.sha256(json.dumps([_FORMAT, rows, points]).encode()).hexdigest()[:16]

@@ -141,7 +141,6 @@ def points_from(rows: Sequence[PointRow], the_map: Map, *, size: Size) -> dict[s
 
 
 def table_of(the_map: Map, *, size: Size) -> str:
-    """Write the control points of a map as a table."""
     georeference = the_map.georeference
     latlon = {
         point.name: georeference.latlon_of(point.position)

@@ -61,8 +61,6 @@ class LeftPhoto:
 
 @dataclass(frozen=True, slots=True)
 class CheckedPhoto:
-    """A placed photo that is joined with others."""
-
     id: int
     photo: str
     # Distance from its position by the other placed photos; None if they are too few.
@@ -124,7 +122,6 @@ def suggest_rest(cfg: Path, *, settings: Settings, progress: Progress, check: bo
 
 
 def suggest_from(found: Reconstruction, the_map: Map) -> RestReport:
-    """Suggest places from a reconstruction of the map's photos."""
     known = known_positions(found.photos, the_map)
     aligned = [result.aligned for result in georegister_found(found, the_map)]
     proposed = propose_next(found.submodels, aligned, known=known, most=_PROPOSED)

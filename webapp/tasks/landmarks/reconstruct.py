@@ -68,8 +68,6 @@ _EXTRACT = ExtractSettings(max_side_px=1000, keypoints=4000)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reconstruction:
-    """A reconstruction of the photos of a map."""
-
     photos: tuple[AnyPhoto, ...]  # All photos; submodels refer to them by their number in this tuple
     submodels: tuple[Submodel, ...]  # The largest first; after `adjust_submodels`, the joined one first
     problems: Mapping[int, str]  # Why photos take no part, by their number

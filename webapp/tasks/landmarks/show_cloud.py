@@ -119,8 +119,6 @@ def align_in_library(library: Library, record: MapRecord) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Task:
-    """A cloud and the current map."""
-
     folder: Path
     stored: StoredCloud
     submodels: StoredSubmodels
@@ -131,7 +129,6 @@ class _Task:
 
     @property
     def key(self) -> str:
-        """Hash of all inputs."""
         placed = sorted(
             (content, one.id, *one.position, one.gps_accuracy_m, one.radius_px)
             if isinstance(one, Experience)

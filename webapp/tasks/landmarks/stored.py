@@ -167,7 +167,6 @@ def suggested_of(cfg: Path, ids: Iterable[int], *, satellite_revision: int = 0) 
 
 
 def corrected_of(cfg: Path, ids: Iterable[int]) -> list[CorrectedPlace]:
-    """Return the corrections of some photos."""
     records = (read(cfg) or {"corrected": []})["corrected"]
     return [
         CorrectedPlace(
@@ -199,8 +198,6 @@ def _path(cfg: Path) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class ExportedModel:
-    """A model, and the folder that it was written to."""
-
     folder: Path
     photos: int
     points: int

@@ -72,8 +72,6 @@ Changing = Callable[[int], AbstractContextManager[MapChange]]
 
 @dataclass(frozen=True, slots=True)
 class AddedPhoto:
-    """The result for a file."""
-
     id: int  # Id of the photo in the map
     name: str  # Name under which it is stored
     duplicate: bool  # The map already had a photo with the same content: nothing was changed
@@ -237,7 +235,6 @@ def mark_panorama(row: Photo, tags: PanoramaTags) -> None:
 
 
 def _say(row: Photo, known: ServiceMetadata) -> None:
-    """Complete a record from the metadata of a service."""
     row.source = source_fields(known.source)
     row.gps_lat, row.gps_lon = known.position
     row.gps_accuracy_m, row.gps_problem = known.accuracy_m, None

@@ -214,8 +214,6 @@ def tray_row(
 
 @dataclass(frozen=True, slots=True)
 class _PhotoFile:
-    """What the file of a photo contributes to its record."""
-
     sha256: str
     size_bytes: int
     facts: PhotoFacts

@@ -49,7 +49,6 @@ def _listed(path: Path) -> set[str]:
 
 
 def path_of(cfg: Path, name: str) -> Path:
-    """Find an example photo."""
     if name not in (example.name for example in examples_of(cfg)):
         raise NotFound("the map has no such example photo", hint="reload the page")
     return cfg.parent / FOLDER / name

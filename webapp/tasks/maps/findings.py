@@ -60,8 +60,6 @@ Changes = dict[str, Mapping[str, Any] | None]
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """A problem of a library map."""
-
     code: str  # Code of the linter; `outside-edit` for a map file that was edited outside the library
     severity: Literal["error", "warning"]  #
     message: str

@@ -21,8 +21,6 @@ from webapp.settings import Settings
 
 @dataclass(frozen=True, slots=True)
 class PlanFacts:
-    """An image as a plan or satellite image of a map."""
-
     # `width`, `height`: As it is shown, pixels.
     width: int
     height: int

@@ -37,8 +37,6 @@ _Fields = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class TakeOverResult:
-    """Result of applying the file."""
-
     revision: int | None  # Revision of the edit; None if the file differs in form only
     left_out: tuple[str, ...]  # Messages about photos that could not be read
 
@@ -235,7 +233,6 @@ class _Planner:
         self._floors = known if map_.floors else set()
 
     def take_placements(self, session: Session, map_: Map, ids: Mapping[int, int]) -> None:
-        """Plan the further placements."""
         there = session.scalars(select(PlacedElsewhere).where(PlacedElsewhere.map_id == self._record.id))
         before = {(row.placement, row.photo_id): (row.x_px, row.y_px) for row in there}
         after = {

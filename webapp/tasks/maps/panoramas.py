@@ -165,8 +165,6 @@ def _tags(pose: PanoramaPose, view: ViewSize, *, turn_deg: float) -> CameraTags:
 
 @dataclass(frozen=True, slots=True)
 class JoinOptions:
-    """How photos are joined."""
-
     width: int | None = None  # Width of the panoramas, pixels; None for the angular resolution of the photos
     mask: Path | None = None  # Output file for the mask of the parts that no camera of the rig sees
 

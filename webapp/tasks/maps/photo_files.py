@@ -148,7 +148,6 @@ def _is_free(file: Path, row: Photo) -> bool:
 
 
 def _is_known(session: Session, record: MapRecord, path: str) -> bool:
-    """Return whether a photo of the map has this path, ignoring case."""
     paths = select(Photo.path).where(Photo.map_id == record.id)
     if path.isascii():
         paths = paths.where(func.lower(Photo.path) == path.lower())

@@ -43,8 +43,6 @@ Audience = Literal["members", "visitors"]
 
 @dataclass(frozen=True, slots=True)
 class PhotoFile:
-    """A photo, wherever it is stored."""
-
     name: str  # Name of the original file, for errors
     sha256: str
     find: Callable[[], Path]  # Returns the path of the original file, or raises `NotFound`
@@ -130,7 +128,6 @@ class NewBlur(NamedTuple):
 
 
 def original(library: Library, slug: str, *, photo: Photo) -> Path:
-    """Find the original file of a photo."""
     cfg = library.cfg(slug)
     with show_file_as(photo.name, cfg):
         path = photo_path(cfg, photo.path)
@@ -140,7 +137,6 @@ def original(library: Library, slug: str, *, photo: Photo) -> Path:
 
 
 def file_of(library: Library, slug: str, *, photo: Photo) -> PhotoFile:
-    """Return a photo of a map as its pictures are made of it."""
     return PhotoFile(
         photo.name,
         photo.sha256,

@@ -32,8 +32,6 @@ _SAME_PX = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class PositionList:
-    """A list of positions, and options for reading it."""
-
     file: Path  # A `.cfg` is recognised by its suffix, other formats by their content
     name: str  # Original name, for error messages
     columns: str | None = None  # Meaning of the columns of a table; None to guess it from the header
@@ -57,8 +55,6 @@ class ListedPhoto:
 
 @dataclass(frozen=True, slots=True)
 class ListPreview:
-    """Expected result of placing by a list."""
-
     photos: tuple[ListedPhoto, ...]
     unknown: tuple[str, ...]  # Names in the list that match no photo of the map
     # Names in the list that match several photos, that match the same photo as another name, or that occur

@@ -56,8 +56,6 @@ class Clock:
 
 @dataclass(frozen=True, slots=True)
 class UnmatchedPhoto:
-    """A photo for which the track gives no position."""
-
     id: int
     name: str
     reason: str
@@ -65,8 +63,6 @@ class UnmatchedPhoto:
 
 @dataclass(frozen=True, slots=True)
 class MatchedPhoto:
-    """The position of a photo in the tray by the track."""
-
     spot: PhotoSpot
     latlon: LatLon
     gap_s: float
@@ -74,8 +70,6 @@ class MatchedPhoto:
 
 @dataclass(frozen=True, slots=True)
 class Preview:
-    """Expected result of placing by the track."""
-
     found: tuple[MatchedPhoto, ...]  # Including those outside the image, whose spot has a problem
     unmatched: tuple[UnmatchedPhoto, ...]
     suggested: ClockOffset | NoMatch  # The clock offset with which photos with GPS fit the track best

@@ -97,14 +97,11 @@ def _leads_out(path: Path, folder: Path) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Reader:
-    """Reads photos for a map."""
-
     positions: Positions | None
     limits: PhotoLimits
     assume: bool  # Whether all photos twice as wide as high are panoramas
 
     def read(self, path: Path, name: str, *, beside: Sequence[Path]) -> SurveyedFile:
-        """Read a photo and its sidecar files."""
         try:
             facts = read_facts(path, limits=self.limits)
             check_decodes(path, limits=self.limits)

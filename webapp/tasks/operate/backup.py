@@ -96,8 +96,6 @@ class BackupReport:
 
 @dataclass(frozen=True, slots=True)
 class _Snapshot:
-    """The library at one moment."""
-
     contents: SnapshotContents
     replaced: dict[str, bytes]
     """Contents of the files that are replaced in place, by name in the backup."""

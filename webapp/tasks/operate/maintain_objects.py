@@ -51,8 +51,6 @@ _SOME = 500
 
 @dataclass(frozen=True, slots=True)
 class PhotosMoved:
-    """Result of a move to the storage."""
-
     stored: int  # Number of files stored
     left: tuple[Path, ...] = ()  # Files that could not be stored; the reasons are in the log
 
@@ -63,8 +61,7 @@ def objects_lock(library: Library) -> FileLock:
 
 
 def move_photos(library: Library, *, stops: Callable[[], bool] = lambda: False) -> int:
-    """Call `move_locked_photos`, unless another process is moving files; return the number of files stored.
-    """
+    """Call `move_locked_photos`, unless another process is moving files; return how many were stored."""
     if in_use() is None:
         return 0
     try:

@@ -133,7 +133,6 @@ def _floor_original(library: Library, record: MapRecord, *, floor: Floor) -> Dis
 
 
 def tile(library: Library, record: MapRecord, *, z: int, x: int, y: int) -> DisplayFile:
-    """Return a tile."""
     key = key_of(library, record)
     if key is not None:
         folder = _tiles(library.map_folder(record.slug), key) / f"{z}"

@@ -45,7 +45,6 @@ def source_of(folder: Path, name: str) -> dict[str, Any]:
 
 
 def images_in_use(record: MapRecord) -> set[str]:
-    """Return the names of the images of the map and its floors."""
     names = {record.satellite_path, *(_image(floor) for floor in record.floors or ())}
     return {name for name in names if name}
 
@@ -71,7 +70,6 @@ def _image(floor: Mapping[str, Any]) -> str | None:
 
 @contextmanager
 def removed_if_refused(library: Library, map_id: int, *, name: str) -> Iterator[None]:
-    """Delete the file of a new image if the map refuses it."""
     try:
         yield
     except UsageError:

@@ -53,8 +53,6 @@ class FloorEdit:
 
 @dataclass(frozen=True, slots=True)
 class NewFloor:
-    """A floor to add to a map."""
-
     floor: Floor  # Without an image; its id is chosen when it is added
     base: Floor  # Floor that the map's own image shows; used if the map has no floors yet
     # Its image, in the library's uploads folder; it is deleted afterwards. Without one, the floor is shown on

@@ -55,7 +55,6 @@ class TileDownload:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Messages for the user."""
         if not self.missing:
             return ()
         return (f"the service has no image for {self.missing} of {self.tiles} tiles: they are grey",)
@@ -125,7 +124,6 @@ _Fetch = Callable[[Iterable[Tile], Progress], Iterator[tuple[Tile, bytes | None]
 
 @contextmanager
 def _tiles(service: TileService, zoom: int, *, cache: Path, settings: Settings) -> Iterator[_Fetch]:
-    """Open the tiles of a service or of its file."""
     if service.file is None:
         fetcher = TileFetcher(service, cache=cache, settings=settings.tiles)
         yield lambda tiles, progress: fetcher.fetch(tiles, zoom=zoom, progress=progress)

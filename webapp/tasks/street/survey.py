@@ -66,7 +66,6 @@ class PixelBox(NamedTuple):
         return PixelBox(left, max(self.top, 0.0), right, min(self.bottom, float(image.height)))
 
     def holds(self, pixel: MapPixel) -> bool:
-        """Return whether a position lies in it."""
         return self.left <= pixel.x <= self.right and self.top <= pixel.y <= self.bottom
 
 
@@ -87,8 +86,6 @@ class PlacedStreetPhoto:
 
 @dataclass(frozen=True, slots=True)
 class StreetSurvey:
-    """The photos of an area."""
-
     service: str
     wanted: tuple[PlacedStreetPhoto, ...]  # Photos that the map does not have yet
     found: int  # Number of all photos that the service has of the area
@@ -99,7 +96,6 @@ class StreetSurvey:
 
     @property
     def size_bytes(self) -> int:
-        """Approximate size of the download."""
         return sum(one.photo.size_bytes for one in self.wanted)
 
     @property

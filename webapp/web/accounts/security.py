@@ -77,7 +77,6 @@ class _Signer(TimestampSigner):
     """Accepts what was signed before the clock was set back: by default this would end all sessions."""
 
     def unsign(self, signed_value: Any, max_age: int | None = None, return_timestamp: bool = False) -> Any:
-        """Check a signature and its age."""
         value, signed_at = super().unsign(signed_value, return_timestamp=True)
         age_s = self.get_timestamp() - int(signed_at.timestamp())
         if max_age is not None and abs(age_s) > max_age:

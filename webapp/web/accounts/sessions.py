@@ -41,7 +41,6 @@ class User(UserMixin):  # type: ignore[misc]
 
 
 def init_app(app: Flask) -> None:
-    """Connect Flask-Login."""
     manager = LoginManager(app)
     manager.session_protection = None  # phones often change their IP address
     manager.user_loader(_load)

@@ -32,8 +32,6 @@ _BLOCK = 256
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Codebook:
-    """Parameters of signatures."""
-
     centres: NDArray[np.float32]  # (c, d) float32
     mean: NDArray[np.float32]  # (c, d) float32. Mean of the aggregated vectors of some photos.
 
