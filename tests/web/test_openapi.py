@@ -153,7 +153,7 @@ def fresh(library, owner, make_map, add_mission):
             )
             queries.add(session, record, row=row, most=10)
             file = uploads.Announced("a.jpg", 10, "f")
-            upload = uploads.begin(session, record, account_id=owner.id, file=file)
+            upload = uploads.begin_upload(session, record, account_id=owner.id, file=file)
             job = jobs.enqueue(session, "health", map_id=map_id, account_id=owner.id)
             session.flush()
             photos = [0, 1]

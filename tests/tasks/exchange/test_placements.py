@@ -17,7 +17,7 @@ def put(library, owner, adopt):
     map_id = adopt()
 
     def run(name, **wanted):
-        placements.put(library, map_id, name=name, account_id=owner, **wanted)
+        placements.put_placement(library, map_id, name=name, account_id=owner, **wanted)
         export.export_map(library, map_id)
         return {p.name: dict(p.positions) for p in read_map(library.cfg("park")).placements}
 
@@ -44,12 +44,12 @@ def test_replaced_as_a_whole_and_undone(put, library, owner):
 
 def test_deleted(put, library, owner):
     put("rough")
-    placements.delete(library, put.map_id, name="rough", account_id=owner)
+    placements.delete_placement(library, put.map_id, name="rough", account_id=owner)
     export.export_map(library, put.map_id)
     assert read_map(library.cfg("park")).placements == ()
     assert not (library.map_folder("park") / "rough.cfg").exists()
     with pytest.raises(NotFound):
-        placements.delete(library, put.map_id, name="rough", account_id=owner)
+        placements.delete_placement(library, put.map_id, name="rough", account_id=owner)
 
 
 @pytest.mark.parametrize("name", ["map", "MAP", "Rough"])
@@ -83,4 +83,4 @@ def test_a_map_without_places(library, owner):
         record = MapRecord(slug="empty", name="Empty")
         session.add(record)
     with pytest.raises(UsageError, match="no photo is placed"):
-        placements.put(library, record.id, name="x", account_id=owner)
+        placements.put_placement(library, record.id, name="x", account_id=owner)

@@ -25,7 +25,7 @@ class Announced:
     beside: Sequence[Mapping[str, str]] = ()  # Files beside the photo: `name` and `content`, as text
 
 
-def begin(session: Session, record: MapRecord, *, account_id: int, file: Announced) -> Upload:
+def begin_upload(session: Session, record: MapRecord, *, account_id: int, file: Announced) -> Upload:
     """Begin an upload, or return the one that the account has begun with the same fingerprint.
 
     The photo's id is reserved now, so that photos are numbered in the order in which their uploads began.
@@ -55,7 +55,7 @@ def begin(session: Session, record: MapRecord, *, account_id: int, file: Announc
     return upload
 
 
-def find(session: Session, id: str, *, map_id: int, account_id: int) -> Upload:
+def find_upload(session: Session, id: str, *, map_id: int, account_id: int) -> Upload:
     """Find an upload of an account. Raises NotFound."""
     upload = session.get(Upload, id)
     if upload is None or (upload.map_id, upload.account_id) != (map_id, account_id):
@@ -63,20 +63,20 @@ def find(session: Session, id: str, *, map_id: int, account_id: int) -> Upload:
     return upload
 
 
-def finish(session: Session, id: str) -> None:
+def finish_upload(session: Session, id: str) -> None:
     """Delete the record of an upload that is complete, refused or abandoned; no error if it is gone."""
     upload = session.get(Upload, id)
     if upload is not None:
         session.delete(upload)
 
 
-def count_open(session: Session, *, account_id: int) -> int:
+def count_open_uploads(session: Session, *, account_id: int) -> int:
     return session.scalar(select(func.count()).where(Upload.account_id == account_id)) or 0
 
 
-def begun_before(session: Session, moment: datetime) -> list[Upload]:
+def uploads_begun_before(session: Session, moment: datetime) -> list[Upload]:
     return list(session.scalars(select(Upload).where(Upload.created_at < moment)))
 
 
-def known_ids(session: Session) -> set[str]:
+def upload_ids(session: Session) -> set[str]:
     return set(session.scalars(select(Upload.id)))

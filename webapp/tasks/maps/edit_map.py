@@ -65,7 +65,7 @@ def edit_map(library: Library, map_id: int, *, edit: RequestedEdit, account_id: 
     with library.changing(map_id) as change:
         session, record = change.session, change.record
         if edit.placement is not None:
-            placements.check_name(session, record, edit.placement)
+            placements.refuse_taken_name(session, record, edit.placement)
         there = maps.present_photos(session, record, edit.changes)  # held: session refs are weak
         changes: dict[str, Mapping[str, Any] | None] = {}
         for id in there:

@@ -63,7 +63,7 @@ class ListPreview:
     missing: int  # Number of photos of the map without a position that are not in the list
 
 
-def preview(library: Library, map_id: int, *, listed: PositionList) -> ListPreview:
+def preview_list(library: Library, map_id: int, *, listed: PositionList) -> ListPreview:
     """Preview where the photos would be placed; nothing is changed.
 
     Raises:

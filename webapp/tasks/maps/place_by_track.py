@@ -88,14 +88,14 @@ def parse_zone(text: str) -> tzinfo:
         raise UsageError(f"{text[:60]!r} is not a time zone", where="time_zone", hint=hint) from error
 
 
-def preview(library: Library, map_id: int, *, track: FixTrack, clock: Clock) -> Preview:
+def preview_track(library: Library, map_id: int, *, track: FixTrack, clock: Clock) -> Preview:
     """Preview where the photos in the tray would be placed; nothing is changed.
 
     Raises:
         UsageError: The map has no satellite image, or the image has no georeference.
     """
     with library.database.read() as session:
-        return _match(session, session.get_one(MapRecord, map_id), track=track, clock=clock)
+        return _match_track(session, session.get_one(MapRecord, map_id), track=track, clock=clock)
 
 
 def place_by_track(
@@ -108,13 +108,13 @@ def place_by_track(
     """
     with library.changing(map_id) as change:
         session, record = change.session, change.record
-        seen = _match(session, record, track=track, clock=clock)
+        seen = _match_track(session, record, track=track, clock=clock)
         spots = [found.spot for found in seen.found]
         placing = place_spots(session, record, spots=spots, kind="place-gpx", account_id=account_id)
     return replace(placing, job=change.job), seen
 
 
-def _match(session: Session, record: MapRecord, *, track: FixTrack, clock: Clock) -> Preview:
+def _match_track(session: Session, record: MapRecord, *, track: FixTrack, clock: Clock) -> Preview:
     image = needed_image(record, with_georeference=True)
     photos = [photo for photo in maps.photos(session, record) if not photo.removed]
     tray = [photo for photo in photos if photo.x_px is None]

@@ -21,7 +21,7 @@ KIND = "placement"
 """Kind of the edit."""
 
 
-def put(
+def put_placement(
     library: Library,
     map_id: int,
     *,
@@ -44,7 +44,7 @@ def put(
     """
     with library.changing(map_id) as change:
         session, record = change.session, change.record
-        check_name(session, record, name)
+        refuse_taken_name(session, record, name)
         there = {
             photo.id: MapPixel(photo.x_px, photo.y_px)
             for photo in maps.photos(session, record)
@@ -55,7 +55,7 @@ def put(
             wanted = _gathered(session, record, there, radius_px=clusters_px)
         if not wanted:
             raise UsageError("no photo is placed on the map yet", hint="place photos first")
-        _check(record, wanted, there)
+        _check_moves(record, wanted, there)
         changes: dict[str, Mapping[str, Any] | None] = {
             f"placed/{name}/{id}": None for id in _placed(session, record, name) if id not in wanted
         }
@@ -76,7 +76,7 @@ def _gathered(
     return wanted
 
 
-def delete(library: Library, map_id: int, *, name: str, account_id: int) -> int | None:
+def delete_placement(library: Library, map_id: int, *, name: str, account_id: int) -> int | None:
     """Delete a placement, but not its photos or their positions on the map; return the edit's revision."""
     with library.changing(map_id) as change:
         session, record = change.session, change.record
@@ -88,7 +88,7 @@ def delete(library: Library, map_id: int, *, name: str, account_id: int) -> int 
     return None if edit is None else edit.revision
 
 
-def check_name(session: Session, record: MapRecord, name: str) -> None:
+def refuse_taken_name(session: Session, record: MapRecord, name: str) -> None:
     """Refuse a name whose file would collide with that of the map or another placement, ignoring case.
 
     Raises:
@@ -108,7 +108,7 @@ def check_name(session: Session, record: MapRecord, name: str) -> None:
         )
 
 
-def _check(record: MapRecord, wanted: Mapping[int, MapPixel], there: Mapping[int, MapPixel]) -> None:
+def _check_moves(record: MapRecord, wanted: Mapping[int, MapPixel], there: Mapping[int, MapPixel]) -> None:
     width, height = record.satellite_width or 0, record.satellite_height or 0
     for id, at in wanted.items():
         if id not in there:

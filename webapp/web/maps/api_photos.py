@@ -293,9 +293,9 @@ def begin(slug: str, given: dict[str, Any]) -> dict[str, Any]:
     _check_size(given["name"], given["size_bytes"])
     with library().database.write() as session:
         row = session.get_one(MapRecord, record.id, with_for_update=True)
-        upload = uploads.begin(session, row, account_id=who.id, file=uploads.Announced(**given))
+        upload = uploads.begin_upload(session, row, account_id=who.id, file=uploads.Announced(**given))
         most = settings().upload.open_per_account
-        if uploads.count_open(session, account_id=who.id) > most:
+        if uploads.count_open_uploads(session, account_id=who.id) > most:
             raise UsageError(f"{most} uploads are unfinished", hint="finish or cancel some of them first")
     return _state(upload)
 
@@ -346,7 +346,7 @@ def give_up(slug: str, id: str) -> str:
 
 def _find_upload(record: MapRecord, id: str) -> Upload:
     with library().database.read() as session:
-        return uploads.find(session, id, map_id=record.id, account_id=account().id)
+        return uploads.find_upload(session, id, map_id=record.id, account_id=account().id)
 
 
 def _part(upload: Upload) -> Path:
@@ -380,5 +380,5 @@ def _check_size(name: str, size_bytes: int) -> None:
 def _give_up(upload: Upload) -> None:
     """Delete the record, then the remaining bytes."""
     with library().database.write() as session:
-        uploads.finish(session, upload.id)
+        uploads.finish_upload(session, upload.id)
     discard(_part(upload))
