@@ -18,9 +18,15 @@ from webapp.files.part_file import discard, receive, show_file_as
 from webapp.files.text_file import MAX_BYTES
 from webapp.tasks.maps import placements
 from webapp.tasks.maps.add_photo import tidy_name
-from webapp.tasks.maps.place_by_list import ListPreview, PositionList, place_by_list, preview_list
 from webapp.tasks.maps.place_by_track import Clock, Preview, parse_zone, place_by_track, preview_track
-from webapp.tasks.maps.placing import PlacingResult, place_by_gps
+from webapp.tasks.maps.placing import (
+    ListPreview,
+    PlacingResult,
+    PositionList,
+    place_by_gps,
+    place_by_list,
+    preview_list,
+)
 from webapp.web.context import account, library, map_role, open_map
 from webapp.web.fields import Boolean, BoundedDict, BoundedList, RecordNumber
 from webapp.web.maps import state
