@@ -18,14 +18,18 @@ from webapp.files.part_file import discard, receive, show_file_as
 from webapp.files.text_file import MAX_BYTES
 from webapp.tasks.maps import placements
 from webapp.tasks.maps.add_photo import tidy_name
-from webapp.tasks.maps.place_by_track import Clock, Preview, parse_zone, place_by_track, preview_track
 from webapp.tasks.maps.placing import (
+    Clock,
     ListPreview,
     PlacingResult,
     PositionList,
+    Preview,
+    parse_zone,
     place_by_gps,
     place_by_list,
+    place_by_track,
     preview_list,
+    preview_track,
 )
 from webapp.web.context import account, library, map_role, open_map
 from webapp.web.fields import Boolean, BoundedDict, BoundedList, RecordNumber
