@@ -16,7 +16,7 @@ from webapp.errors import UsageError
 from webapp.files.exchange.gpx import parse_gpx
 from webapp.files.part_file import discard, receive, show_file_as
 from webapp.files.text_file import MAX_BYTES
-from webapp.tasks.maps import placements
+from webapp.tasks.maps import edit_map
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.maps.placing import (
     Clock,
@@ -305,7 +305,7 @@ def put(slug: str, name: str, *, data: dict[str, Any]) -> dict[str, Any]:
     positions = None
     if data["positions"] is not None:
         positions = {id: MapPixel(x, y) for id, (x, y) in data["positions"].items()}
-    revision = placements.put_placement(
+    revision = edit_map.put_placement(
         library(),
         record.id,
         name=name,
@@ -321,6 +321,4 @@ def put(slug: str, name: str, *, data: dict[str, Any]) -> dict[str, Any]:
 def delete(slug: str, name: str) -> dict[str, Any]:
     """Delete a placement; the photos and their positions on the map are kept."""
     record, who = open_map(slug, "editor"), account()
-    return state.edited(
-        record, placements.delete_placement(library(), record.id, name=name, account_id=who.id)
-    )
+    return state.edited(record, edit_map.delete_placement(library(), record.id, name=name, account_id=who.id))
