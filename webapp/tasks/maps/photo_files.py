@@ -24,7 +24,7 @@ from webapp.files.part_file import discard, move_in
 from webapp.settings import Settings
 from webapp.store.clock import now
 from webapp.store.library import Library
-from webapp.store.maps import uploads
+from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
 
 PHOTOS = "photos"
@@ -158,14 +158,14 @@ def sweep_uploads(library: Library, *, settings: Settings) -> int:
     """Delete uploads that have not continued for `upload.keep_hours`; return their number."""
     keep = timedelta(hours=settings.upload.keep_hours)
     with library.database.read() as session:
-        begun, known = uploads.uploads_begun_before(session, now() - keep), uploads.upload_ids(session)
+        begun, known = maps.uploads_begun_before(session, now() - keep), maps.upload_ids(session)
     if not begun and not _unknown(library, keep, known=known):
         return 0
     with library.database.write() as session:
-        for upload in uploads.uploads_begun_before(session, now() - keep):
+        for upload in maps.uploads_begun_before(session, now() - keep):
             if _older(library.uploads / f"{upload.id}.part", keep):
-                uploads.finish_upload(session, upload.id)
-        gone = _unknown(library, keep, known=uploads.upload_ids(session))
+                maps.finish_upload(session, upload.id)
+        gone = _unknown(library, keep, known=maps.upload_ids(session))
         for path in gone:
             discard(path)
     return len(gone)
