@@ -1,4 +1,4 @@
-"""Places many photos of a library map as one edit: shared functions, and placing by GPS."""
+"""Places many photos of a library map as one edit: by GPS, a list of positions, or a GPX track."""
 
 from __future__ import annotations
 
