@@ -45,8 +45,7 @@ def normal_name(name: str) -> str:
 
 
 class Spelling:
-    """Finds files whose names differ from a given one in letter case, Unicode form, folder or a typing error.
-    """
+    """Finds files whose names differ from a given one in letter case, Unicode form, folder or by a typo."""
 
     def __init__(self, names: Iterable[str]) -> None:
         self._names = set(names)

@@ -69,8 +69,7 @@ def reading_map(
 
 
 def if_match() -> int | None:
-    """Return the latest revision that the caller knows, from the header `If-Match`; ETag quotes are allowed.
-    """
+    """Return the latest revision the caller knows, from the header `If-Match`; ETag quotes are allowed."""
     text = request.headers.get("If-Match")
     if text is None:
         return None

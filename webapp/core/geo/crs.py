@@ -77,8 +77,7 @@ def _is_plain(plane: str) -> bool:
 
 
 def crs_name(text: str) -> str:
-    """Return the EPSG code of a coordinate system (`EPSG:32633`) if it is exactly that, else the text itself.
-    """
+    """Return the EPSG code of a coordinate system (`EPSG:32633`) if it is just that, else the text."""
     code = parse_crs(text).to_epsg(min_confidence=100)
     return f"EPSG:{code}" if code else text
 

@@ -110,8 +110,7 @@ class PhotoPlace:
 
 
 def locate(tags: Mapping[int, object], xmp: Xmp) -> PhotoPlace:
-    """Find position and heading: in the GPS IFD of EXIF, else in the EXIF of XMP, else in what a drone wrote.
-    """
+    """Find position and heading: in the GPS IFD of EXIF, else in EXIF within XMP, else by a drone."""
     gps, heading = read_gps(tags), read_heading(tags)
     if not xmp:
         return PhotoPlace(gps, heading)
