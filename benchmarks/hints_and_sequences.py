@@ -25,8 +25,7 @@ from typing import Any
 import numpy as np
 
 from webapp.configuration import load_settings
-from webapp.core.evaluation.summary import summarise
-from webapp.core.evaluation.types import QueryResult
+from webapp.core.evaluation.metrics import QueryResult, summarise
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.model import Answer
 from webapp.core.hypotheses.priors import CirclePrior, apply_path_prior_to_answer

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from benchmarks.many_maps import fill
 from tests.postgresql_server import PostgresqlServer
 from webapp.core.features.extract import extract
-from webapp.core.retrieval import photo_vectors
+from webapp.core.retrieval import global_descriptors
 from webapp.files.photos.photo import read_gray
 from webapp.settings import Settings
 from webapp.store.backends import photo_search
@@ -73,7 +73,7 @@ def main() -> None:
         shares = "   ".join(f"{np.mean(r < 1):14.3f} / {np.mean(r < 3):.3f}" for r in (ranks, others))
         print(f"{name:18s} {len(maps[name]):6d}  {shares}", flush=True)
     library = _library(basis, maps, photos=arguments.photos, count=arguments.maps)
-    asked = [photo_vectors.vector(basis, q) for some in queries.values() for q in some][:REPEATS]
+    asked = [global_descriptors.photo_vector(basis, q) for some in queries.values() for q in some][:REPEATS]
     _time(library, asked)
     if arguments.postgresql:
         _time_postgresql(library, asked, basis=basis)
@@ -91,32 +91,36 @@ def _queries(folder: Path, limit: int, settings: Settings) -> list[Descriptors]:
     ]
 
 
-def _basis(maps: dict[str, list[Descriptors]], *, leave_out: str | None) -> photo_vectors.Basis:
+def _basis(maps: dict[str, list[Descriptors]], *, leave_out: str | None) -> global_descriptors.Basis:
     photos = [p for name, some in maps.items() if name != leave_out for p in some]
     count = min(SAMPLE_PHOTOS, len(photos))
     chosen = np.random.default_rng(1).choice(len(photos), count, replace=False)
-    return photo_vectors.train([photos[i] for i in chosen])
+    return global_descriptors.train_basis([photos[i] for i in chosen])
 
 
-def _matrix(basis: photo_vectors.Basis, photos: list[Descriptors]) -> NDArray[np.float16]:
-    return np.array([photo_vectors.vector(basis, p) for p in photos], np.float16)
+def _matrix(basis: global_descriptors.Basis, photos: list[Descriptors]) -> NDArray[np.float16]:
+    return np.array([global_descriptors.photo_vector(basis, p) for p in photos], np.float16)
 
 
 def _ranks(
-    name: str, maps: dict[str, list[Descriptors]], queries: list[Descriptors], *, basis: photo_vectors.Basis
+    name: str,
+    maps: dict[str, list[Descriptors]],
+    queries: list[Descriptors],
+    *,
+    basis: global_descriptors.Basis,
 ) -> NDArray[np.int64]:
     """Return for each query the number of maps that are ranked before the right one."""
     vectors = {other: _matrix(basis, photos) for other, photos in maps.items()}
     ranks = []
     for query in queries:
-        asked = photo_vectors.vector(basis, query)
+        asked = global_descriptors.photo_vector(basis, query)
         likeness = {other: find_map.likeness(some, asked) for other, some in vectors.items()}
         ranks.append(sum(value > likeness[name] for value in likeness.values()))
     return np.array(ranks)
 
 
 def _library(
-    basis: photo_vectors.Basis, maps: dict[str, list[Descriptors]], *, photos: int, count: int
+    basis: global_descriptors.Basis, maps: dict[str, list[Descriptors]], *, photos: int, count: int
 ) -> list[NDArray[np.float16]]:
     """Simulate the vectors of a large library, map by map."""
     rng = np.random.default_rng(1)
@@ -139,7 +143,7 @@ def _time(library: list[NDArray[np.float16]], asked: list[NDArray[np.float32]]) 
 
 
 def _time_postgresql(
-    library: list[NDArray[np.float16]], asked: list[NDArray[np.float32]], *, basis: photo_vectors.Basis
+    library: list[NDArray[np.float16]], asked: list[NDArray[np.float32]], *, basis: global_descriptors.Basis
 ) -> None:
     server = PostgresqlServer()
     try:
@@ -179,7 +183,7 @@ def _scalar(there: Library, query: str) -> float:
         return float(connection.exec_driver_sql(query).scalar_one())
 
 
-def _keep(there: Library, library: list[NDArray[np.float16]], basis: photo_vectors.Basis) -> int:
+def _keep(there: Library, library: list[NDArray[np.float16]], basis: global_descriptors.Basis) -> int:
     fill(there, maps=len(library), photos=0)
     with there.database.write() as session:
         basis_id = stored.add_basis(session, basis, photos=1)

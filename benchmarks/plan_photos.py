@@ -34,7 +34,7 @@ from webapp.errors import PhotoError
 from webapp.files.localize import queries_csv
 from webapp.progress import Progress
 from webapp.settings import let_threads_sleep
-from webapp.tasks.evaluation.measure import with_hidden_photos
+from webapp.tasks.evaluation.evaluate import with_hidden_photos
 from webapp.tasks.localize.open_pipeline import open_pipeline
 from webapp.tasks.localize.pipeline import LocalizationPipeline
 from webapp.tasks.localize.plan import OpenOptions

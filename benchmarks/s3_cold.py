@@ -43,7 +43,7 @@ from webapp.files import contents
 from webapp.files.contents import connect
 from webapp.files.localize.index_store import IndexFolder
 from webapp.files.maps.folder import read_map
-from webapp.files.object_storage.marker import MARKER
+from webapp.files.object_storage.storage import MARKER
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.localize.build_map import build_map

@@ -198,7 +198,7 @@ def _measure_tier(arguments: argparse.Namespace, index: Path, *, memory_mb: str)
 
 def _previews_kb(photos: Sequence[Path]) -> float:
     """Measure the size of previews per photo, on some photos."""
-    from webapp.files.photos.preview import make_previews
+    from webapp.files.photos.photo import make_previews
     from webapp.settings import PhotoLimits
 
     some = photos[:: max(1, len(photos) // PREVIEWS)]

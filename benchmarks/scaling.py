@@ -32,8 +32,8 @@ from webapp.core.geometry.extrinsics import MapExtrinsics
 from webapp.core.localize.verified import find_places
 from webapp.core.retrieval.engines import ivf, vlad
 from webapp.core.retrieval.engines.ivf import InvertedFile
-from webapp.core.retrieval.engines.segment import Segment
 from webapp.core.retrieval.engines.twostage import TwoStage
+from webapp.core.retrieval.engines.types import Segment
 from webapp.core.retrieval.indexed import IndexedMap
 from webapp.files.localize import queries_csv
 from webapp.files.localize.arrays import FileRows, OpenFile

@@ -35,7 +35,7 @@ from tests.postgresql_server import PostgresqlServer
 from webapp.files import contents
 from webapp.files.contents import connect
 from webapp.files.maps.folder import read_map
-from webapp.files.object_storage.pointer import SUFFIX
+from webapp.files.object_storage.cache import SUFFIX
 from webapp.settings import Settings
 from webapp.store.accounts import accounts
 from webapp.store.library import open_library

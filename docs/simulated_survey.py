@@ -13,14 +13,13 @@ from PIL import Image
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.files.photos.exif_write import CameraTags, exif_bytes
-from webapp.files.photos.rig import read_rig
+from webapp.files.photos.panorama import read_rig
 from webapp.progress import Progress
 from webapp.sample.make import SampleSize
 from webapp.sample.scene.camera import CameraView, map_views
-from webapp.sample.scene.light import AFTERNOON
 from webapp.sample.scene.plan import DEPTH_M
 from webapp.sample.scene.render import render
-from webapp.sample.scene.stage import set_stage
+from webapp.sample.scene.stage import AFTERNOON, set_stage
 from webapp.sample.scene.world import build_world
 from webapp.settings import PhotoLimits
 from webapp.tasks.maps.panoramas import JoinOptions, join_panoramas

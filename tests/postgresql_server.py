@@ -12,7 +12,7 @@ from secrets import token_hex
 import psycopg
 from sqlalchemy import make_url
 
-from webapp.cli.demo.postgresql import as_user, programs
+from webapp.cli.demo.parts import as_user, programs
 from webapp.store.library import open_library
 
 _USER = "nobody"

@@ -22,7 +22,7 @@ CONFIG = "EXPMAP_CONFIG"
 """Environment variable with the path of the settings file."""
 
 DRAINING_FD = "EXPMAP_DRAINING_FD"
-"""Environment variable with the file descriptor of a server's drain pipe: see `webapp.jobs.draining`."""
+"""Environment variable with the file descriptor of a server's drain pipe: see `webapp.jobs.health`."""
 
 _INFINITE = 1e15
 """Upper limit of every numeric setting: no larger number makes sense."""
@@ -60,11 +60,6 @@ class Setting:
         return f"{number} {limit}, for example {self.default:g}"
 
     def check(self, value: object, *, where: str) -> Any:
-        """Convert a value to the kind of the setting.
-
-        Raises:
-            UsageError: The value is not allowed.
-        """
         if self._takes(value):
             return self.kind(value)
         raise UsageError(f"{value!r} is not allowed", where=where, hint=f"write {self.allowed}")
@@ -87,8 +82,6 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class Effective:
-    """A setting with its value."""
-
     setting: Setting
     value: Any
     source: str  # The variable or file that sets it, or "default"
@@ -101,9 +94,6 @@ def settings_table() -> dict[str, Setting]:
 
 def effective_settings(environ: Mapping[str, str] | None = None) -> list[Effective]:
     """Find the value of each setting and where it comes from.
-
-    Args:
-        environ: Overrides the process's own environment.
 
     Raises:
         UsageError: A variable or the file has an unknown setting or a value that is not allowed, or the file

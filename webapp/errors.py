@@ -92,11 +92,7 @@ class NotSignedIn(ExpMapError):
 
 
 class RetryLater(ExpMapError):
-    """The same request can succeed later.
-
-    Args:
-        wait_s: Seconds to wait before trying again.
-    """
+    """The same request can succeed later."""
 
     def __init__(
         self, message: str, *, wait_s: int, where: str | None = None, hint: str | None = None

@@ -43,7 +43,6 @@ _PURPOSE = {
 
 
 def install_line(name: str) -> str:
-    """Return the command that installs an extra."""
     return f"pip install 'experience-map[{name}]'"
 
 

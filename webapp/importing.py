@@ -15,10 +15,6 @@ def import_name(reference: str) -> Any:
 
     Args:
         reference: "module:object".
-
-    Raises:
-        ImportError: The module does not exist.
-        AttributeError: The module has no such object.
     """
     module, name = reference.split(":")
     collecting = gc.isenabled()

@@ -18,9 +18,6 @@ def resource_folder(name: str, *, package: Path = PACKAGE) -> Path:
     Args:
         name: `templates`, `static` or `docs`.
         package: Folder of the package.
-
-    Raises:
-        MissingPart: The folder is in neither place.
     """
     for folder in (package / name, package.parent / name):
         if folder.is_dir():

@@ -417,5 +417,4 @@ METRICS_FOLDER = "PROMETHEUS_MULTIPROC_DIR"
 
 
 def shares_metrics() -> bool:
-    """Return whether this process shares its metrics with others."""
     return bool(os.environ.get(METRICS_FOLDER))

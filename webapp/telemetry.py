@@ -34,9 +34,6 @@ def start(address: str | None) -> None:
 
     Args:
         address: Its OTLP/HTTP endpoint, such as `http://127.0.0.1:4318`; None: nothing is recorded.
-
-    Raises:
-        MissingPart: The extra `telemetry` is not installed.
     """
     if _recorders or address is None:
         return

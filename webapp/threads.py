@@ -34,9 +34,6 @@ def cores() -> int:
 def in_threads(function: Callable[[In], Out], items: Iterable[In]) -> list[Out]:
     """Call a function with each item, in as many threads as there are cores.
 
-    Args:
-        function: Has to be thread-safe.
-
     Returns:
         The results in the order of the items. The first error in that order is raised.
     """
@@ -50,11 +47,7 @@ def in_threads(function: Callable[[In], Out], items: Iterable[In]) -> list[Out]:
 
 @contextmanager
 def permit(semaphore: Semaphore, *, wait_s: float = 20.0) -> Iterator[None]:
-    """Hold a permit of a semaphore within the block.
-
-    Raises:
-        Busy: No permit became free within `wait_s` seconds.
-    """
+    """Hold a permit of a semaphore within the block."""
     if not semaphore.acquire(timeout=wait_s):
         raise Busy("the server is busy", wait_s=10, hint="try again in a moment")
     try:

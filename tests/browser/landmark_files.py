@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 
 from webapp.core.landmarks.cloud import LandmarkCloud
 from webapp.core.landmarks.submodels import Submodel
-from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, write_cloud
+from webapp.files.landmarks.cloud import CLOUD_FILE, COLOURS_FILE, StoredCloud, write_cloud, write_colours
 from webapp.files.landmarks.colmap import SUBMODELS_FILE, StoredSubmodels, write_submodels
-from webapp.files.landmarks.points import COLOURS_FILE, write_colours
 from webapp.files.part_file import sha256_of
 from webapp.store.library import open_library
 from webapp.store.schema import MapRecord

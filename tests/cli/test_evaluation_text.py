@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from webapp.cli.evaluate import summary_table
-from webapp.core.evaluation.summary import summarise
-from webapp.core.evaluation.types import QueryResult
+from webapp.core.evaluation.metrics import QueryResult, summarise
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Map, SatelliteImage
 from webapp.tasks.evaluation.types import Evaluation, Scheme, Subject

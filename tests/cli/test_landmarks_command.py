@@ -10,8 +10,8 @@ from webapp.cli import landmarks
 from webapp.core.landmarks.submodels import Submodel
 from webapp.files.maps.folder import read_map
 from webapp.tasks.landmarks.adjust import AdjustedSubmodel
-from webapp.tasks.landmarks.export_models import ExportedModel
 from webapp.tasks.landmarks.reconstruct import Reconstruction
+from webapp.tasks.landmarks.stored import ExportedModel
 
 
 @pytest.fixture

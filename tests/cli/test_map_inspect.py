@@ -10,7 +10,7 @@ from PIL import Image
 
 from webapp.app.main import main
 from webapp.core.geo.types import LatLon
-from webapp.files.photos.geotags import Geotag, format_xmp
+from webapp.files.photos.exif_write import Geotag, format_xmp
 
 
 @pytest.fixture

@@ -21,10 +21,9 @@ from webapp.files.maps.folder import read_map
 from webapp.logs import carried
 from webapp.progress import Progress
 from webapp.tasks.computing import cluster as cluster_module
-from webapp.tasks.computing import on_worker
 from webapp.tasks.computing.in_order import ExecutionTarget, in_order
 from webapp.tasks.evaluation import evaluate
-from webapp.tasks.evaluation.measure import with_hidden_photos
+from webapp.tasks.evaluation.evaluate import with_hidden_photos
 from webapp.tasks.landmarks.reconstruct import reconstruct
 from webapp.tasks.localize import build_map
 from webapp.tasks.localize.open_pipeline import open_pipeline
@@ -187,13 +186,15 @@ def test_a_scheduler_that_is_lost(tmp_path, make_map, quick):
 
 def test_workers_that_differ_are_refused(tmp_path, on_dask, monkeypatch):
     at = ExecutionTarget(on_dask, tmp_path)
-    monkeypatch.setattr(on_worker, "versions", lambda: {"numpy": "1.0"})
+    monkeypatch.setattr(cluster_module, "versions", lambda: {"numpy": "1.0"})
     with pytest.raises(UsageError, match=r"the Dask worker tcp://.* has numpy .*, this process 1\.0"):
         [*in_order(max, [1], shared=0, at=at, progress=Progress())]
 
 
 def test_workers_that_do_not_see_the_folder_are_refused():
-    terms = on_worker.WorkerRequirements(on_worker.versions(), Path("/nowhere/.computing-1"), None, carried())
+    terms = cluster_module.WorkerRequirements(
+        cluster_module.versions(), Path("/nowhere/.computing-1"), None, carried()
+    )
     with pytest.raises(UsageError, match="cannot see the folder /nowhere"):
         terms.check("tcp://127.0.0.1:1")
 

@@ -12,8 +12,7 @@ from dataclasses import replace
 import pytest
 
 from webapp.jobs import acceptor as module
-from webapp.jobs.acceptor import Acceptor
-from webapp.jobs.connection_queue import CAN_PASS, connection_queue
+from webapp.jobs.acceptor import CAN_PASS, Acceptor, connection_queue
 
 pytestmark = pytest.mark.skipif(not CAN_PASS, reason="connections are passed on Linux only")
 

@@ -10,7 +10,7 @@ import pytest
 from tests.killing import Step, run_until
 from tests.standin_models import install_blur_networks
 from webapp.app.registry import REGISTRY
-from webapp.files.photos.preview import preview_path
+from webapp.files.photos.photo import preview_path
 from webapp.jobs.worker import Worker
 from webapp.settings import JobSettings, Settings
 from webapp.store.accounts import accounts
@@ -26,12 +26,12 @@ PHOTOS = 4
 STEPS = [
     Step("webapp.tasks.blur.find:DetectionCache.add"),
     Step("webapp.tasks.blur.find:DetectionCache.add", calls=1, is_after=True),
-    Step("webapp.tasks.blur.accept:blur_photo"),
-    Step("webapp.tasks.maps.show_photo:write_previews"),
-    Step("webapp.files.photos.preview:write_bytes", is_after=True),
-    Step("webapp.tasks.maps.show_photo:release_boxes", is_after=True),
-    Step("webapp.tasks.blur.accept:blur_photo", is_after=True),
-    Step("webapp.tasks.maps.show_photo:write_previews", calls=1, is_after=True),
+    Step("webapp.tasks.blur.find:blur_photo"),
+    Step("webapp.tasks.maps.pictures:write_previews"),
+    Step("webapp.files.photos.photo:write_bytes", is_after=True),
+    Step("webapp.tasks.maps.pictures:release_boxes", is_after=True),
+    Step("webapp.tasks.blur.find:blur_photo", is_after=True),
+    Step("webapp.tasks.maps.pictures:write_previews", calls=1, is_after=True),
     Step("webapp.store.operate.jobs:finish"),
 ]
 """In the order of the work, each of which begins where the last one was killed."""

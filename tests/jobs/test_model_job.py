@@ -14,7 +14,7 @@ from webapp.files.localize.models import MODELS
 from webapp.jobs.worker import Worker
 from webapp.store.operate import jobs
 from webapp.store.schema import Job
-from webapp.tasks.operate.second_looks import queue_second_looks
+from webapp.tasks.operate.models import queue_second_looks
 
 CONTENT = bytes(range(256)) * 100
 

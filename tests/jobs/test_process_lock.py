@@ -3,12 +3,12 @@
 import subprocess
 import sys
 
-from webapp.jobs.process_lock import ProcessLock
+from webapp.jobs.health import ProcessLock
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from webapp.jobs.process_lock import ProcessLock
+from webapp.jobs.health import ProcessLock
 sign = ProcessLock(Path(sys.argv[1]))
 print(sign.name, flush=True)
 time.sleep(600)

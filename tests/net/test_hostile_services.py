@@ -9,10 +9,9 @@ import pytest
 from tests.net.hostile_server import WAYS, hostile, pretending
 from webapp.core.geo.tilegrid import Tile
 from webapp.errors import InputError
-from webapp.net import bounded, download, geocoder, polite, tiles
+from webapp.net import bounded, geocoder, polite, tiles
 from webapp.net.polite import PoliteClient
-from webapp.net.services import TileService
-from webapp.net.tiles import TileFetcher
+from webapp.net.tiles import TileFetcher, TileService
 from webapp.progress import Progress
 from webapp.settings import GeocoderSettings, StreetSettings, TileSettings
 
@@ -54,7 +53,7 @@ def _photo(address, _):
 
 
 def _model(address, _):
-    return download.download(address, size=900, progress=Progress())
+    return bounded.download(address, size=900, progress=Progress())
 
 
 CLIENTS = {"tile": _tile, "place": _place, "list": _list, "photo": _photo, "model": _model}
@@ -71,7 +70,7 @@ def once(monkeypatch):
     """No request is repeated, and downloads have the timeout of the others."""
     monkeypatch.setattr(tiles, "_TRIES", 1)
     monkeypatch.setattr(polite, "_TRIES", 1)
-    monkeypatch.setattr(download, "_TIMEOUT_S", TIMEOUT_S)
+    monkeypatch.setattr(bounded, "_TIMEOUT_S", TIMEOUT_S)
 
 
 @pytest.fixture
@@ -125,7 +124,7 @@ def test_a_service_cannot_make_a_tile_wait_for_hours(server, tmp_path, monkeypat
 
 def test_a_slow_answer_that_is_fast_enough_arrives(server, tmp_path, monkeypatch):
     """A large answer may take longer than two timeouts, as long as it advances."""
-    monkeypatch.setattr(download, "_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(bounded, "_TIMEOUT_S", 0.5)
     monkeypatch.setattr(bounded, "_SLOWEST", 100.0)
 
     def answer():

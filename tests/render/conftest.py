@@ -7,8 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from webapp.core.evaluation.summary import summarise
-from webapp.core.evaluation.types import QueryResult
+from webapp.core.evaluation.metrics import QueryResult, summarise
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.estimate import NoPose

@@ -4,7 +4,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from webapp.core.evaluation.types import ReliabilityBin
+from webapp.core.evaluation.metrics import ReliabilityBin
 from webapp.render.charts import HEIGHT, WIDTH, error_chart, reliability_chart
 
 

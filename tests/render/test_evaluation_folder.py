@@ -12,7 +12,7 @@ from PIL import Image
 
 from webapp.errors import StorageError
 from webapp.files.exchange import tum
-from webapp.render.evaluation_folder import COLUMNS, results_csv, worst_rows, write
+from webapp.render.report import COLUMNS, results_csv, worst_rows, write_evaluation
 from webapp.settings import PhotoLimits
 from webapp.tasks.evaluation.evaluate import to_json
 from webapp.tasks.evaluation.types import Evaluation
@@ -21,7 +21,7 @@ from webapp.tasks.evaluation.types import Evaluation
 @pytest.fixture(scope="session")
 def written(evaluation: Evaluation, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("out") / "new" / "folder"
-    write(evaluation, folder, limits=PhotoLimits())
+    write_evaluation(evaluation, folder, limits=PhotoLimits())
     return folder
 
 
@@ -80,4 +80,4 @@ def test_csv_has_a_line_a_query(georeferenced: Evaluation) -> None:
 def test_folder_that_cannot_be_made(evaluation: Evaluation, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way", encoding="utf-8")
     with pytest.raises(StorageError):
-        write(replace(evaluation, results=()), tmp_path / "file", limits=PhotoLimits())
+        write_evaluation(replace(evaluation, results=()), tmp_path / "file", limits=PhotoLimits())

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from webapp.core.hypotheses.model import CameraPose
-from webapp.render.evaluation_folder import COLUMNS
+from webapp.render.report import COLUMNS
 from webapp.tasks.evaluation.evaluate import to_json
 
 PAGE = (Path(__file__).parents[2] / "docs" / "results.md").read_text("utf-8")

@@ -13,10 +13,9 @@ from webapp.core.mapmodel.control_points import GroundControlPoint
 from webapp.core.mapmodel.model import Experience, Map, SatelliteImage
 from webapp.core.mapmodel.notes import MapNote
 from webapp.render.sheet import marks
-from webapp.render.sheet.drawing import shorten, text_width
-from webapp.render.sheet.labels import Box, LabelWanted, place_labels
+from webapp.render.sheet.drawing import Box, LabelWanted, place_labels, shorten, text_width
+from webapp.render.sheet.make import SheetContent, compose, draw_sheet
 from webapp.render.sheet.options import SheetAnswer, SheetOptions, answers_from_json, english
-from webapp.render.sheet.page import SheetContent, compose, draw_sheet
 
 WORDS = english("1 May 2026")
 SIZE = SheetOptions(orientation="landscape").page_sizes()[0]

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from webapp.sample.scene.camera import SceneCamera, map_views
-from webapp.sample.scene.light import AFTERNOON, AUTUMN, EVENING, OVERCAST
 from webapp.sample.scene.plan import DEPTH_M, PATH_WIDTH_M, WIDTH_M, draw_plan, nearest
 from webapp.sample.scene.render import overhead, render
 from webapp.sample.scene.solids import wall_height
-from webapp.sample.scene.stage import set_stage
+from webapp.sample.scene.stage import AFTERNOON, AUTUMN, EVENING, OVERCAST, set_stage
 from webapp.sample.scene.world import build_world
 
 SIZE = {"fov_deg": 66.0, "width": 640, "height": 480}

@@ -7,7 +7,7 @@ import pytest
 from sqlalchemy import text
 
 from webapp.core.retrieval.engines.vlad import Codebook
-from webapp.core.retrieval.photo_vectors import DIMENSIONS, Basis
+from webapp.core.retrieval.global_descriptors import DIMENSIONS, Basis
 from webapp.store.backends import photo_search
 from webapp.store.database import Database
 from webapp.store.maps import photo_vectors

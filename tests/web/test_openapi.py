@@ -28,7 +28,7 @@ from webapp.missions.tasks.store_batch import Numbered
 from webapp.settings import MissionSettings, Settings
 from webapp.store import queries
 from webapp.store.accounts import accounts
-from webapp.store.maps import uploads
+from webapp.store.maps import maps
 from webapp.store.operate import jobs
 from webapp.store.schema import MapRecord, Photo, QueryRecord
 from webapp.tasks.maps import adopt_map
@@ -152,8 +152,8 @@ def fresh(library, owner, make_map, add_mission):
                 evidence=[],
             )
             queries.add(session, record, row=row, most=10)
-            file = uploads.Announced("a.jpg", 10, "f")
-            upload = uploads.begin(session, record, account_id=owner.id, file=file)
+            file = maps.Announced("a.jpg", 10, "f")
+            upload = maps.begin_upload(session, record, account_id=owner.id, file=file)
             job = jobs.enqueue(session, "health", map_id=map_id, account_id=owner.id)
             session.flush()
             photos = [0, 1]

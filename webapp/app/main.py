@@ -163,15 +163,15 @@ mission_group = LazyGroup(
             "Fuse the tracks of the mission with the number MISSION into a corrected one.",
         ),
         "thin": LazyCommand(
-            "webapp.missions.cli.thinning:thin",
+            "webapp.missions.cli.mission:thin",
             "Remove poses from the tracks of missions, keeping the error below a limit at all times.",
         ),
         "prune": LazyCommand(
-            "webapp.missions.cli.thinning:prune",
+            "webapp.missions.cli.mission:prune",
             "Remove all poses from the tracks of missions except the first and the last.",
         ),
         "keep": LazyCommand(
-            "webapp.missions.cli.thinning:keep",
+            "webapp.missions.cli.mission:keep",
             "Mark missions to be kept as they are, whatever the settings say about old missions.",
         ),
     },
@@ -260,7 +260,7 @@ cluster_group = LazyGroup(
     help="Try out a setup of several machines.",
     commands={
         "demo": LazyCommand(
-            "webapp.cli.demo.command:demo",
+            "webapp.cli.demo.cluster:demo",
             "Run all parts of a setup of several machines on this one until Ctrl-C.",
         )
     },

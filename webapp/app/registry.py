@@ -14,7 +14,7 @@ from webapp.missions.tasks import fuse, thin_tracks
 from webapp.store.library import Library
 from webapp.store.operate.snapshot import PartContents
 from webapp.tasks.operate.backup import LibraryPart
-from webapp.tasks.operate.second_looks import queue_second_looks
+from webapp.tasks.operate.models import queue_second_looks
 
 _KINDS = {
     **kinds.KINDS,
@@ -36,8 +36,6 @@ REGISTRY = JobRegistry(
 
 
 class MissionPart:
-    """The files of missions."""
-
     name = "missions"
     folder = missions.FOLDER
 

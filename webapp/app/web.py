@@ -22,7 +22,6 @@ from webapp.missions.web import (
     api_missions,
     api_objects,
     api_phones,
-    api_robots,
     api_staged,
     api_tracks,
 )
@@ -38,7 +37,7 @@ from webapp.web.accounts import api_accounts
 from webapp.web.accounts import pages as accounts_pages
 from webapp.web.landmarks import api_cloud, api_place_rest, api_points
 from webapp.web.landmarks import pages as landmarks_pages
-from webapp.web.localize import api_find, api_localize, api_queries
+from webapp.web.localize import api_localize, api_queries
 from webapp.web.localize import pages as localize_pages
 from webapp.web.maps import (
     api_blur,
@@ -49,14 +48,12 @@ from webapp.web.maps import (
     api_notes,
     api_photos,
     api_placing,
-    api_plan,
-    api_print,
     api_street,
     view,
 )
 from webapp.web.maps import pages as maps_pages
 from webapp.web.operate import doctor, jobs, metrics, models
-from webapp.web.satellite import api_georeference, api_places, api_satellite
+from webapp.web.satellite import api_satellite
 from webapp.web.satellite import pages as satellite_pages
 from webapp.web.sharing import api_shared, api_shared_cloud, api_shares
 from webapp.web.sharing import pages as sharing_pages
@@ -71,7 +68,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_imports.blueprint,
     api_missions.blueprint,
     api_objects.blueprint,
-    api_robots.blueprint,
+    api_batches.robots_api,
     api_staged.blueprint,
     mission_photos.blueprint,
     mission_shared.blueprint,
@@ -90,7 +87,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     accounts_pages.sign_in_pages,
     api_exchange.blueprint,
     installable.blueprint,
-    api_find.blueprint,
+    api_localize.find_api,
     api_localize.blueprint,
     api_queries.blueprint,
     localize_pages.blueprint,
@@ -108,8 +105,8 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_placing.placements_api,
     api_floors.blueprint,
     api_notes.blueprint,
-    api_plan.blueprint,
-    api_print.blueprint,
+    api_checks.plan_api,
+    api_exchange.print_api,
     api_street.blueprint,
     manual.blueprint,
     maps_pages.blueprint,
@@ -121,8 +118,8 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     doctor.pages,
     models.pages,
     models.api,
-    api_georeference.blueprint,
-    api_places.blueprint,
+    api_satellite.georeference_api,
+    api_satellite.places_api,
     api_satellite.blueprint,
     satellite_pages.blueprint,
     api_shared.blueprint,
@@ -158,12 +155,4 @@ WEB_PARTS = Parts(
 
 
 def create_app(settings: Settings, *, library: Library | None = None) -> APIFlask:
-    """Make the application.
-
-    Args:
-        library: An open library; by default that of the settings is opened.
-
-    Raises:
-        StorageError: The library cannot be opened.
-    """
     return make_app(settings, WEB_PARTS, library=library)

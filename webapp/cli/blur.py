@@ -11,9 +11,8 @@ import click
 from webapp.cli.composition import settings_in_use
 from webapp.cli.options import MAP_FILE
 from webapp.cli.progressbar import terminal_progress
-from webapp.files.localize.blur_networks import blur_networks
-from webapp.tasks.blur.accept import accept_in_folder, accept_in_library
-from webapp.tasks.blur.find import BlurReport, photos_of, search_photos
+from webapp.files.localize.models import blur_networks
+from webapp.tasks.blur.find import BlurReport, accept_in_folder, accept_in_library, photos_of, search_photos
 from webapp.tasks.landmarks.accept import library_of
 
 _KINDS = {"face": "face", "plate": "number plate"}

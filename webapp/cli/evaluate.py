@@ -26,11 +26,11 @@ from webapp.cli.progressbar import terminal_progress
 from webapp.core.hypotheses.model import Answer
 from webapp.errors import UsageError
 from webapp.files.localize import queries_csv
-from webapp.render import evaluation_folder
+from webapp.render import report
 from webapp.render.report import figures
 from webapp.settings import PhotoLimits, keep_freed_memory
 from webapp.tasks.evaluation import evaluate as task
-from webapp.tasks.evaluation.measure import with_hidden_photos
+from webapp.tasks.evaluation.evaluate import with_hidden_photos
 from webapp.tasks.evaluation.types import EvaluateOptions, Evaluation
 from webapp.tasks.localize.open_pipeline import open_pipeline
 from webapp.tasks.localize.sequence import SequenceFilter, smooth_sequence
@@ -171,5 +171,5 @@ def _report(evaluation: Evaluation, output: Path | None, *, several: bool, limit
     if output is None:
         return
     folder = output / evaluation.scheme if several else output
-    evaluation_folder.write(evaluation, folder, limits=limits)
+    report.write_evaluation(evaluation, folder, limits=limits)
     click.echo(f"report: {folder / 'report.html'}", err=True)

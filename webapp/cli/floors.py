@@ -16,14 +16,13 @@ from webapp.cli.options import MAP_FILE
 from webapp.core.geo.floors import BASE_FLOOR, LARGEST_LEVEL, Floor
 from webapp.core.mapmodel.model import Map
 from webapp.errors import UsageError
-from webapp.files.maps.floors import floor_fields
 from webapp.files.maps.folder import read_map
+from webapp.files.maps.lists import floor_fields
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.tasks.landmarks.accept import library_of, owner_of
 from webapp.tasks.maps import export
 from webapp.tasks.satellite import floors as edit_floors
-from webapp.tasks.satellite import folder_floors
 from webapp.tasks.satellite.floors import NewFloor
 
 _LEVEL = click.FloatRange(-LARGEST_LEVEL, LARGEST_LEVEL)
@@ -67,9 +66,9 @@ def floors(
         gone = None if remove is None else _named(read_map(cfg), remove)
         if there is None:
             if gone is not None:
-                folder_floors.remove_in_folder(cfg, gone, to_tray=tray)
+                edit_floors.remove_in_folder(cfg, gone, to_tray=tray)
             if new is not None:
-                folder_floors.add_in_folder(cfg, new=new, settings=settings)
+                edit_floors.add_in_folder(cfg, new=new, settings=settings)
         else:
             library, map_id = there
             if gone is not None:

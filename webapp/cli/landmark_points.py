@@ -14,12 +14,17 @@ from webapp.core.mapmodel.control_points import GroundControlPoint
 from webapp.core.mapmodel.model import Map
 from webapp.files.atomic import write_text
 from webapp.files.maps.control_point_table import read_rows
-from webapp.files.maps.control_points import point_fields
 from webapp.files.maps.folder import read_map
+from webapp.files.maps.lists import point_fields
 from webapp.tasks.landmarks.accept import library_of, owner_of
 from webapp.tasks.landmarks.control_points import Residual, stored_residuals
-from webapp.tasks.landmarks.edit_points import set_in_folder, set_in_library
-from webapp.tasks.landmarks.point_table import photo_sizes, points_from, table_of
+from webapp.tasks.landmarks.edit_points import (
+    photo_sizes,
+    points_from,
+    set_in_folder,
+    set_in_library,
+    table_of,
+)
 from webapp.tasks.maps import export
 
 

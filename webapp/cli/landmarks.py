@@ -17,8 +17,8 @@ from webapp.files.maps.folder import read_map
 from webapp.settings import keep_freed_memory
 from webapp.tasks.landmarks.adjust import AdjustedSubmodel, adjust_submodels
 from webapp.tasks.landmarks.colours import colour_cloud
-from webapp.tasks.landmarks.export_models import export_models, names_of_photos
 from webapp.tasks.landmarks.reconstruct import Reconstruction, reconstruct
+from webapp.tasks.landmarks.stored import export_models, names_of_photos
 
 
 @click.command(short_help="Build the landmarks of a map by structure from motion.")

@@ -15,12 +15,12 @@ from webapp.cli.composition import settings_in_use
 from webapp.cli.exitcodes import BAD_MAP, DONE, SOME_FAILED
 from webapp.cli.options import MAP_FILE, chosen_settings, index_options, map_options, open_options
 from webapp.cli.progressbar import terminal_progress
-from webapp.core.geo.controlpoints import Model
+from webapp.core.geo.fit import Model
 from webapp.core.hypotheses.places import KIND_WORDS
 from webapp.core.mapmodel.findings import Finding
 from webapp.core.texts import significant
 from webapp.errors import UsageError
-from webapp.files.photos.exif_gps import Gps
+from webapp.files.photos.exif import Gps
 from webapp.files.photos.photo import PhotoFacts
 from webapp.files.photos.sidecars import is_sidecar
 from webapp.progress import Progress

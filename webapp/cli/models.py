@@ -13,7 +13,7 @@ from webapp.configuration import load_settings
 from webapp.core.features.entry import ModelFile
 from webapp.files.localize.models import MODELS, install_hint, models_folder
 from webapp.tasks.operate import models as task
-from webapp.tasks.operate.check_models import ModelCheck, check_models
+from webapp.tasks.operate.models import ModelCheck, check_models
 
 
 @click.command("list")

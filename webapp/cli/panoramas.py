@@ -11,7 +11,7 @@ import click
 from webapp.cli.exitcodes import SOME_FAILED
 from webapp.cli.progressbar import terminal_progress
 from webapp.configuration import load_settings
-from webapp.files.photos.rig import read_rig
+from webapp.files.photos.panorama import read_rig
 from webapp.tasks.maps.panoramas import CutOptions, CutPhoto, JoinedPanorama, JoinOptions
 from webapp.tasks.maps.panoramas import cut_panoramas as cut
 from webapp.tasks.maps.panoramas import join_panoramas as join

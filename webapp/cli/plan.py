@@ -13,7 +13,7 @@ from webapp.core.mapmodel.model import Map
 from webapp.core.mapmodel.recognition import Rectangle
 from webapp.errors import UsageError
 from webapp.files.atomic import write_pieces
-from webapp.files.exchange.walk import format_walk_gpx
+from webapp.files.exchange.gpx import format_walk_gpx
 from webapp.files.maps.folder import read_map
 from webapp.tasks import photo_plan
 from webapp.tasks.photo_plan import (

@@ -21,16 +21,18 @@ from webapp.tasks.street.add_street import StreetReport, add_street_photos
 from webapp.tasks.street.survey import (
     PANORAMA_WISHES,
     SOURCES,
+    FolderTarget,
+    LibraryTarget,
     PanoramaWish,
     PixelBox,
     SourceKey,
     StreetRequest,
     StreetSurvey,
+    StreetTarget,
     services,
     survey_json,
     survey_street,
 )
-from webapp.tasks.street.targets import FolderTarget, LibraryTarget, StreetTarget
 
 
 @click.command("street-photos", short_help="Add street-level photos from Panoramax or Mapillary.")

@@ -1,4 +1,4 @@
-"""Meaning of a table's columns: given by the user, or guessed from its header.
+"""Meaning of a table's columns: given by the user, or guessed from the words in its header.
 
 Written as `time=stamp:ms, lat=Latitude, lon=Longitude, heading=yaw:rad`: a field, the column by its header or
 by its number from 1, and a unit if it is neither in the header nor the default. A unit that is not known is
@@ -7,30 +7,244 @@ refused, never replaced by the default.
 
 from __future__ import annotations
 
+import math
 import re
 import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from webapp.core.column_words import (
-    LOCAL_WORDS,
-    NAMES,
-    NEEDED,
-    PHOTO_NAMES,
-    PHOTO_UNITS,
-    QUALIFIERS,
-    UNIT_WORDS,
-    UNITS,
-    UTC_WORDS,
-)
 from webapp.errors import TrackError, UsageError
+
+_DEG = math.degrees(1.0)
+EXCEL_DAYS = 86400.0
+"""Scale of a time in days since 1899-12-30, as in spreadsheets."""
+
+DATE_ORDERS = {"ymd": 1.0, "dmy": 2.0, "mdy": 3.0}
+"""Orders of year, month and day in a date: units of its column, and the scales that encode them."""
+
+
+def _split(text: str) -> tuple[str, ...]:
+    return tuple(text.split())
+
+
+_LENGTH = {
+    "m": 1.0, "mm": 1e-3, "cm": 1e-2, "dm": 0.1, "km": 1e3,
+    "in": 0.0254, "ft": 0.3048, "yd": 0.9144, "mi": 1609.344, "nmi": 1852.0,
+}  # fmt: skip
+_AREA = {"m2": 1.0, "mm2": 1e-6, "cm2": 1e-4, "ft2": 0.3048**2}
+_POSITION = {
+    "deg": 1.0, "rad": _DEG, "mrad": 1e-3 * _DEG, "min": 1.0 / 60.0, "arcsec": 1.0 / 3600.0, "gon": 0.9,
+    "e7": 1e-7, "e6": 1e-6,
+}  # fmt: skip
+UNITS: dict[str, dict[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "excel": EXCEL_DAYS},
+    "nanos": {"ns": 1e-9, "us": 1e-6, "ms": 1e-3},
+    "date": {"": 0.0, **DATE_ORDERS},
+    "week": {"1": 1.0},
+    "tow": {"s": 1.0, "ms": 1e-3},
+    "lat": _POSITION,
+    "lon": _POSITION,
+    "lat_ref": {"": 1.0},
+    "lon_ref": {"": 1.0},
+    "height": _LENGTH,
+    "heading": {"deg": 1.0, "rad": _DEG, "mrad": 1e-3 * _DEG, "cdeg": 1e-2, "gon": 0.9},
+    "yaw": {"rad": 1.0, "mrad": 1e-3, "deg": 1.0 / _DEG, "cdeg": 1e-2 / _DEG, "gon": 0.9 / _DEG},
+    "x": _LENGTH,
+    "y": _LENGTH,
+    "z": _LENGTH,
+    "qx": {"1": 1.0},
+    "qy": {"1": 1.0},
+    "qz": {"1": 1.0},
+    "qw": {"1": 1.0},
+    "valid": {"": 1.0},
+    "var_e": _AREA,
+    "var_n": _AREA,
+    "cov_en": _AREA,
+    "accuracy": _LENGTH,
+    "confidence": {"1": 1.0, "%": 1e-2},
+    "id": {"": 1.0},
+    "class": {"": 1.0},
+    "track": {"": 1.0},
+    "source": {"": 1.0},
+}
+"""Fields and their permitted units, the default first; text fields have none. A time may also be in ISO 8601.
+`heading` is clockwise from north, `yaw` counter-clockwise from x; `accuracy` is one standard deviation in
+each direction. `lat_ref` and `lon_ref` contain N or S and E or W if the numbers have no sign; `qx` to `qw`
+are the orientation of the body."""
+
+NEEDED = {"time", "lat", "lon", "x", "y", "z", "qx", "qy", "qz", "qw"}
+"""Fields without which a track is wrong: a table is refused if one has a unit that is not known."""
+
+UNIT_WORDS: Mapping[str, str] = {
+    word: unit
+    for unit, words in {
+        "s": "sec secs second seconds sekunde sekunden sekunda sekundy segundo segundos seconde secondes",
+        "ms": "msec msecs milli millis millisec millisecs millisecond milliseconds millisekunde "
+        "millisekunden milisekunda milisekundy milisegundo milisegundos milliseconde millisecondes",
+        "us": "µs μs usec usecs micro micros microsec microsecond microseconds mikrosekunde mikrosekunden "
+        "mikrosekunda mikrosekundy microsegundo microsegundos microseconde microsecondes",
+        "ns": "nsec nsecs nano nanos nanosec nanosecond nanoseconds nanosekunde nanosekunden nanosekunda "
+        "nanosekundy nanosegundo nanosegundos nanoseconde nanosecondes",
+        "min": "mins minute minutes minuten minuta minuty minuto minutos arcmin arcminute arcminutes ' ′",
+        "h": "hr hrs hour hours stunde stunden hodina hodiny hora horas heure heures",
+        "arcsec": 'arcsecs arcsecond arcseconds " ″',
+        "m": "metre metres meter meters mtr mtrs metr metry metro metros metres",
+        "mm": "millimetre millimetres millimeter millimeters milimetr milimetry milimetro milimetros",
+        "cm": "centimetre centimetres centimeter centimeters zentimeter centimetr centimetry centimetro",
+        "dm": "decimetre decimetres decimeter decimeters",
+        "km": "kms kilometre kilometres kilometer kilometers kilometr kilometry kilometro kilometros",
+        "in": "inch inches zoll pouce pouces palec palce pulgada pulgadas",
+        "ft": "foot feet fuss stopa stopy pie pies pied pieds",
+        "yd": "yds yard yards",
+        "mi": "mile miles statute_mile statute_miles",
+        "nmi": "nautical_mile nautical_miles",
+        "deg": "° º degs degree degrees decimal_degree decimal_degrees decimal_deg decdeg dd deg_decimal "
+        "degree_decimal dezimalgrad stupen stupne grado grados degre degres",
+        "rad": "rads radian radians radiant radiany radianes",
+        "mrad": "mrads milliradian milliradians",
+        "gon": "gons gradian gradians",
+        "cdeg": "centidegree centidegrees deg*100",
+        "e7": "1e7 1e-7 dege7 deg_e7 degreese7 1e-7deg 1e-7_deg deg*1e7 10^-7_deg",
+        "e6": "1e6 1e-6 dege6 deg_e6 degreese6 1e-6deg 1e-6_deg deg*1e6 10^-6_deg",
+        "m2": "m² m^2 sqm",
+        "mm2": "mm² mm^2",
+        "cm2": "cm² cm^2",
+        "ft2": "ft² ft^2",
+        "px": "pixel pixels",
+        "%": "percent prozent procent",
+    }.items()
+    for word in words.split()
+}
+"""Spellings of units in headers, without accents."""
+
+QUALIFIERS = set(
+    _split(
+        "utc gmt gps gpst local lokal time unix epoch posix iso iso8601 iso-8601 since start 1970 1970-01-01 "
+        "wgs84 epsg:4326 msl amsl asl agl above mean sea level rel relative abs absolute ellipsoid "
+        "ellipsoidal geoid orthometric hae true magnetic mag enu ned map odom world frame north east n e +n "
+        "+e n/s e/w dms forward left up right down - 1"
+    )
+)
+"""Words in brackets that are no units."""
+
+LOCAL_WORDS = {"local", "lokal", "mistni", "locale"}
+UTC_WORDS = {"utc", "gmt", "zulu"}
+
+_QUATERNIONS = "q q_ quaternion_ quat_ orientation_ rotation_ rot_ q_rs_"
+
+NAMES: dict[str, Sequence[str]] = {
+    "time": _split(
+        "time timestamp timestamps stamp t utc datetime date_time date_and_time unixtime unix_time epoch "
+        "times utc_t utc_time time_utc gmt_time datetime_utc utc_datetime timestamp_utc gps_time gpst "
+        "header_stamp_sec header_stamp_secs stamp_sec stamp_secs secs "
+        "unix_timestamp timestamp_unix epoch_time time_epoch posix_time system_time ros_time header_stamp "
+        "capture_time sample_time fix_time log_time recorded_at measured_at elapsed elapsed_time flight_time "
+        "osd_flytime custom_updatetime "
+        "local_time time_local datetime_local frame_id gpsdatetime zeit "
+        "uhrzeit zeitpunkt zeitstempel datum_zeit datum/zeit datum_uhrzeit datum_und_uhrzeit cas "
+        "datum_cas datum_a_cas casova_znacka casove_razitko tiempo hora fecha_hora fecha_y_hora "
+        "marca_de_tiempo marca_temporal temps heure date_heure date_et_heure horodatage czas znacznik_czasu "
+        "data_i_godzina ora data_ora"
+    ),
+    "date": _split("date utc_d utc_date date_utc gps_date local_date date_local custom_date datum fecha"),
+    "nanos": _split(
+        "nanos nanosec nanosecs nsec nsecs stamp_nsec stamp_nsecs stamp_nanosec header_stamp_nsec "
+        "header_stamp_nsecs header_stamp_nanosec"
+    ),
+    "week": _split(
+        "week weeks gps_week gpsweek gps_wk gwk gps_wn wn weekno week_no week_number gps_week_number wnum"
+    ),
+    "tow": _split(
+        "tow gps_tow gpstow sow gps_sow itow i_tow gms time_of_week gps_time_of_week seconds_of_week "
+        "second_of_week sec_of_week secs_of_week seconds_in_week seconds_into_week sec_in_week ms_of_week "
+        "week_seconds week_second week_sec weeksec weekseconds week_time gps_seconds gps_second gps_secs "
+        "gps_sec gpsseconds gpssecond gpssec gps_milliseconds gps_ms gps_week_seconds"
+    ),
+    "lat": _split(
+        "lat latitude gps_lat gps_latitude gpslatitude latitude_n/s osd_latitude breite breitengrad "
+        "geogr_breite geografische_breite geographische_breite nordliche_breite sirka zemepisna_sirka "
+        "zem_sirka z_sirka sev_sirka severni_sirka latitud latitudine szerokosc szerokosc_geograficzna "
+        "szer_geogr lat_wgs84 latitude_wgs84 x_lat y/latitude"
+    ),
+    "lon": _split(
+        "lon lng long longitude gps_lon gps_lng gps_long gps_longitude gpslongitude longitude_e/w "
+        "osd_longitude lange laenge langengrad laengengrad geogr_lange geogr_laenge geografische_lange "
+        "geographische_lange geographische_laenge ostliche_lange delka zemepisna_delka zem_delka z_delka "
+        "vych_delka vychodni_delka longitud longitudine dlugosc dlugosc_geograficzna dl_geogr lon_wgs84 "
+        "lng_wgs84 longitude_wgs84 x/longitude"
+    ),
+    "lat_ref": _split("n/s ns n_s lat_ref latitude_ref gpslatituderef lat_dir"),
+    "lon_ref": _split("e/w ew e_w lon_ref longitude_ref gpslongituderef lon_dir"),
+    "height": _split(
+        "height alt altitude ele elevation gps_altitude gpsaltitude altitude_above_sealevel "
+        "altitude_above_sea_level altitude_msl osd_altitude hohe hoehe gps_hohe hohe_uber_nn "
+        "hohe_uber_meer meereshohe vyska nadmorska_vyska altura altitud elevacion cota hauteur wysokosc "
+        "wysokosc_npm altitudine quota"
+    ),
+    "heading": _split(
+        "heading hdg course bearing azimuth cog compass_heading true_heading kurs fahrtrichtung peilung "
+        "azimut smer kurz rumbo acimut cap"
+    ),
+    "yaw": _split("yaw theta"),
+    "x": _split("x tx pos_x position_x translation_x p_x p_rs_r_x"),
+    "y": _split("y ty pos_y position_y translation_y p_y p_rs_r_y"),
+    "z": _split("z tz pos_z position_z translation_z p_z p_rs_r_z"),
+    **{f"q{axis}": tuple(f"{name}{axis}" for name in _split(_QUATERNIONS)) for axis in "xyzw"},
+    "valid": _split("valid fix_mode fix fix_type gultig platny valido valide"),
+    "var_e": _split("var_e"),
+    "var_n": _split("var_n"),
+    "cov_en": _split("cov_en"),
+    "accuracy": _split("accuracy hacc horizontal_accuracy genauigkeit presnost precision exactitud"),
+    "confidence": _split("confidence score konfidenz confianza confiance"),
+    "id": _split("id object_id object objekt objeto objet"),
+    "class": _split("class kind type label klasse typ trida druh clase tipo classe"),
+    "track": _split("track spur trasa traza trace"),
+    "source": _split("source"),
+}
+"""Headers by which each field is recognised: lower case, without accents, words joined by `_`."""
+
+PHOTO_UNITS: dict[str, dict[str, float]] = {
+    "name": {"": 1.0},
+    "lat": UNITS["lat"],
+    "lon": UNITS["lon"],
+    "lat_ref": {"": 1.0},
+    "lon_ref": {"": 1.0},
+    "x": {"px": 1.0},
+    "y": {"px": 1.0},
+    "heading": UNITS["heading"],
+}
+"""`lat_ref` and `lon_ref` contain N or S and E or W if the numbers have no sign."""
+
+PHOTO_NAMES: dict[str, Sequence[str]] = {
+    "name": _split(
+        "name photo photo_name file filename file_name sourcefile source_file path image image_name img "
+        "picture title bild bildname foto fotoname datei dateiname fotka fotografie snimek obrazek soubor "
+        "nazev jmeno nazev_souboru jmeno_souboru fotografia imagen archivo nombre nombre_de_archivo "
+        "fichier nom nom_de_fichier nom_du_fichier photographie imagename photoname image_filename label "
+        "fichero photoid photo_id bilddatei fotodatei name_des_bildes nazev_snimku nazev_fotky "
+        "nazev_fotografie nazev_obrazku jmeno_fotky jmeno_snimku nombre_de_la_foto nombre_de_la_imagen "
+        "nombre_de_imagen nombre_de_foto nom_de_la_photo nom_de_l'image nom_image nom_photo zdjecie plik "
+        "nazwa nazwa_pliku immagine nome nome_file"
+    ),
+    "lat": NAMES["lat"],
+    "lon": NAMES["lon"],
+    "lat_ref": _split("lat_ref gpslatituderef"),
+    "lon_ref": _split("lon_ref gpslongituderef"),
+    "x": _split("x px pixel_x column x/easting x/east easting geo_x"),
+    "y": _split("y py pixel_y row y/northing y/north northing geo_y"),
+    "heading": (
+        *NAMES["heading"],
+        *_split(
+            "yaw direction richtung blickrichtung ausrichtung natoceni direccion orientacion orientation "
+            "gpsimgdirection"
+        ),
+    ),
+}
 
 
 @dataclass(frozen=True, slots=True)
 class ColumnFields:
-    """The fields of a kind of table."""
-
     units: Mapping[str, Mapping[str, float]]  # The units of each field
     # Headers by which each field is recognised: lower case, words joined by `_`.
     names: Mapping[str, Sequence[str]]
@@ -66,8 +280,6 @@ LONGEST_HEADER = 100
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of a table."""
-
     index: int  # From 0
     scale: float  # Factor that converts its numbers to the field's default unit
 
@@ -82,9 +294,6 @@ def parse_columns(text: str, header: Sequence[str], *, fields: ColumnFields = PO
         text: Fields separated by commas, as described above.
         header: The table's first line; names are compared without regard to case.
         fields: Fields that the table can have.
-
-    Raises:
-        UsageError: A field, a unit or a column is unknown, or positions are missing.
     """
     names = [name.strip().lstrip("#%").strip().lower() for name in header]
     found: dict[str, Column] = {}
@@ -117,8 +326,6 @@ def parse_columns(text: str, header: Sequence[str], *, fields: ColumnFields = PO
 
 
 class Header(NamedTuple):
-    """A header, taken apart."""
-
     field: str | None  # None if it is not recognised
     unit: str | None  # As written; None without one
     basis: int  # Of a time: 1 for UTC, -1 for a local time, 0 if it does not say
@@ -200,12 +407,12 @@ def guess_columns(
     return found
 
 
-def candidates(
-    header: Sequence[str], field: str, *, fields: ColumnFields = POSE_FIELDS
-) -> list[tuple[Column, int]]:
+def candidates(header: Sequence[str], field: str) -> list[tuple[Column, int]]:
     """Return every column of a field whose unit is known, each with its basis (see `Header`)."""
-    read = [read_header(name, fields=fields) for name in header]
-    scales = [_known_scale(one.unit, fields.units[field]) if one.field == field else None for one in read]
+    read = [read_header(name) for name in header]
+    scales = [
+        _known_scale(one.unit, POSE_FIELDS.units[field]) if one.field == field else None for one in read
+    ]
     return [(Column(n, s), read[n].basis) for n, s in enumerate(scales) if s is not None]
 
 
@@ -250,7 +457,6 @@ def _known_scale(unit: str | None, units: Mapping[str, float]) -> float | None:
 
 
 def _stated(name: str, units: Mapping[str, float]) -> str | None:
-    """Return the unit that the header of a given column states, if any."""
     plain = _header(name)
     in_brackets, after = _IN_BRACKETS.fullmatch(plain), _AFTER_WORD.fullmatch(plain)
     if in_brackets is not None and _spelled(in_brackets[2]) and any(units):

@@ -44,8 +44,6 @@ def never() -> None:
 
 
 class ObjectDetector(Protocol):
-    """Finds objects of one kind."""
-
     def detect(self, pixels: NDArray[np.uint8], *, check: Callable[[], None] = never) -> list[Detection]:
         """Find them in a photo of (h, w, 3) uint8, blue, green, red; the highest score first.
 
@@ -219,17 +217,10 @@ _MOST_FACES = 200
 
 
 class YuNet:
-    """YuNet by OpenCV.
-
-    Args:
-        model: ONNX, as published in the OpenCV Zoo.
-    """
-
     def __init__(self, model: bytes) -> None:
         self._model = np.frombuffer(model, np.uint8)
 
     def detect(self, pixels: NDArray[np.uint8], *, check: Callable[[], None] = never) -> list[Detection]:
-        """Find faces."""
         # not shared: a network of OpenCV serves one thread at a time; this one loads in milliseconds
         network = cv2.FaceDetectorYN.create(
             "onnx",
@@ -311,18 +302,11 @@ def decode_plates(outputs: Sequence[NDArray[np.float32]], at: NDArray[np.float64
 
 
 class LpdYuNet:
-    """LPD-YuNet by OpenCV.
-
-    Args:
-        model: ONNX, as published in the OpenCV Zoo.
-    """
-
     def __init__(self, model: bytes) -> None:
         self._model = np.frombuffer(model, np.uint8)
         self._priors = plate_priors(*PLATE_SIZE)
 
     def detect(self, pixels: NDArray[np.uint8], *, check: Callable[[], None] = never) -> list[Detection]:
-        """Find number plates."""
         network = cv2.dnn.readNetFromONNX(self._model)  # not shared between threads, as for faces
 
         def detect(part: NDArray[np.uint8]) -> WindowDetections:

@@ -14,13 +14,10 @@ from webapp.core.geo.types import LatLon
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FixTrack:
-    """Fixes in the order of time."""
-
     times_s: NDArray[np.float64]  # (n,) float64. Seconds since 1970, UTC; strictly ascending.
     latlon: NDArray[np.float64]  # (n, 2) float64. Degrees north, degrees east.
 
     def __len__(self) -> int:
-        """Count the fixes."""
         return len(self.times_s)
 
 
@@ -60,14 +57,11 @@ class NoMatch:
     reason: str
 
     def __bool__(self) -> bool:
-        """Return False: there is no position."""
         return False
 
 
 @dataclass(frozen=True, slots=True)
 class ClockOffset:
-    """Offset of a clock from the track's."""
-
     offset_s: float  # To be added to the clock's time
     # Median distance between the photos' own positions and those on the track at the corrected times.
     median_m: float
@@ -149,7 +143,6 @@ def _between(track: FixTrack, after: int, share: float) -> LatLon:
 
 
 def _moments(track: FixTrack, fixes: NDArray[np.float64], photo: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the times of the fixes that are closest to a photo."""
     distances = np.hypot(*(fixes - photo).T)
     return track.times_s[np.argsort(distances, kind="stable")[:_NEAREST]]
 

@@ -223,7 +223,6 @@ def with_field(tuning: _Value, name: str, *, text: str) -> _Value:
     """Set one field.
 
     Args:
-        tuning: Or a part of it.
         name: Dotted, e.g. `pose.level.roll_sigma`.
         text: The number; it is converted to the type of the field.
 

@@ -35,11 +35,6 @@ def make_folder(folder: Path) -> None:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Read a whole file.
-
-    Raises:
-        StorageError: The file cannot be read.
-    """
     try:
         return path.read_bytes()
     except OSError as error:
@@ -61,12 +56,6 @@ def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
 
     The data is written to a temporary file in the same folder and synced, and the file is renamed. The
     permissions of an existing file are kept; a symbolic link is replaced, not followed.
-
-    Args:
-        pieces: The content, which may be generated while it is written.
-
-    Raises:
-        StorageError: Writing failed; the old file is unchanged.
     """
     temporary = path.with_name(f".{path.name[:80]}.{secrets.token_hex(6)}.tmp")
     try:

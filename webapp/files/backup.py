@@ -68,7 +68,6 @@ class Archive:
 
         Raises:
             FileNotFoundError: The file does not exist, or was deleted; nothing was added.
-            OSError
         """
         if name in self.files:
             return
@@ -94,7 +93,6 @@ def new_backup(target: Path, *, about: Mapping[str, Any], progress: Progress) ->
     Args:
         target: An existing backup is replaced once the new one is complete.
         about: JSON values for the manifest.
-        progress: One step for each file that is read back.
 
     Raises:
         StorageError, DiskFull: Writing failed; no partial file remains.
@@ -139,15 +137,7 @@ def _written(part: Path, scratch: Path, about: Mapping[str, Any]) -> Iterator[Ar
 
 
 def check(path: Path, *, progress: Progress) -> Files:
-    """Read a backup and compare all files with its manifest.
-
-    Args:
-        progress: One step per file.
-
-    Raises:
-        InputError: The file is not a backup, or is damaged.
-        StorageError: The file cannot be read.
-    """
+    """Read a backup and compare all files with its manifest."""
     return _read(path, progress, lambda _name: _discarding())
 
 
@@ -157,12 +147,10 @@ def unpack(path: Path, folder: Path, *, place: Callable[[str], Path], progress: 
     Args:
         folder: Contains all paths that `place` returns.
         place: Maps a file's name to its path; missing folders are created.
-        progress: One step per file.
 
     Raises:
         InputError: The file is not a backup, or is damaged: discard the files unpacked so far.
         StorageError, DiskFull: Reading or writing failed.
-        Cancelled
     """
 
     @contextmanager
@@ -180,12 +168,6 @@ def unpack(path: Path, folder: Path, *, place: Callable[[str], Path], progress: 
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
-    """Read the manifest of a backup.
-
-    Raises:
-        InputError: The file is not a backup.
-        StorageError
-    """
     with _zip_errors(path), zipfile.ZipFile(path) as opened:
         return _manifest(opened)[0]
 

@@ -21,17 +21,16 @@ from platformdirs import user_cache_path
 from webapp.errors import ObjectLost, StorageError, UsageError
 from webapp.files.atomic import storage_error
 from webapp.files.object_storage.bucket import Bucket
-from webapp.files.object_storage.cache import ObjectCache
-from webapp.files.object_storage.marker import check_marker, library_with_objects
-from webapp.files.object_storage.pointer import (
+from webapp.files.object_storage.cache import (
     SUFFIX,
+    ObjectCache,
     Pointer,
     pointed_path,
     pointer_path,
     read_pointer,
     write_pointer,
 )
-from webapp.files.object_storage.storage import ObjectStorage
+from webapp.files.object_storage.storage import ObjectStorage, check_marker, library_with_objects
 from webapp.files.part_file import discard, move_in, sha256_of
 from webapp.settings import Settings
 from webapp.threads import ContextThreads
@@ -92,17 +91,12 @@ def connect(settings: Settings) -> ObjectStorage | None:
 
 
 def cache_folder(settings: Settings) -> Path:
-    """Return the folder of this machine's cache."""
     name = hashlib.sha256((settings.storage or "").encode()).hexdigest()[:16]
     return settings.cache_folder or user_cache_path("experience-map") / "objects" / name
 
 
 def settings_at(path: Path, settings: Settings) -> Settings:
-    """Return the settings for a map, whose storage is that of its library, or none.
-
-    Raises:
-        StorageError: The library has a storage other than the settings'.
-    """
+    """Return the settings for a map, whose storage is that of its library, or none."""
     inner = library_with_objects(path)
     if inner is None:
         return settings if settings.storage is None else replace(settings, storage=None)
@@ -112,7 +106,6 @@ def settings_at(path: Path, settings: Settings) -> Settings:
 
 @contextmanager
 def using(storage: ObjectStorage | None) -> Iterator[None]:
-    """Use a storage in the block."""
     before = in_use()
     use(storage)
     try:
@@ -133,11 +126,7 @@ def local(path: Path) -> Path:
 
 
 def fetch_together(paths: Sequence[Path]) -> None:
-    """Fetch several files that are about to be read, in parallel; lost objects are ignored until read.
-
-    Raises:
-        StorageError: Raised by `local`.
-    """
+    """Fetch several files that are about to be read, in parallel; lost objects are ignored until read."""
     if in_use() is not None:
         with ContextThreads(_TOGETHER) as pool:
             for _ in pool.map(_fetch, paths):
@@ -154,9 +143,6 @@ def read_once(path: Path) -> Iterator[Path]:
     """Yield a path like `local`, valid in the block only; an object that is not cached is not added.
 
     If a new file has been put at the path since it was stored, that is used instead of the object.
-
-    Raises:
-        StorageError: Raised by `local`.
     """
     storage = in_use()
     pointer = read_pointer(path) if storage else None

@@ -108,10 +108,6 @@ def open_image(source: Path | bytes, *, limits: PhotoLimits) -> Iterator[Image.I
 
     Errors caused by damage, also those in the caller's block, become a `PhotoError`.
 
-    Args:
-        source: A file, or its content.
-        limits: Checked before anything is decoded.
-
     Yields:
         The first frame.
 
@@ -169,7 +165,6 @@ def is_jpeg_xl(source: Path | bytes) -> bool:
 
 
 def jpeg_xl_error(where: str | None = None) -> PhotoError:
-    """Return the error about a JPEG XL image."""
     return PhotoError(
         "it is JPEG XL, which is not supported yet", where=where, hint="convert it to JPEG or PNG"
     )
@@ -384,24 +379,13 @@ def has_too_many_scans(data: bytes | mmap.mmap) -> bool:
 
 
 def image_size(source: Path | bytes) -> tuple[int, int]:
-    """Read width and height in pixels from the header, as stored (orientation not applied).
-
-    Args:
-        source: A file, or its content.
-
-    Raises:
-        PhotoError: The file is missing or not an image.
-    """
+    """Read width and height in pixels from the header, as stored (orientation not applied)."""
     with open_image(source, limits=_ANY_SIZE) as image:
         return image.size
 
 
 def check_decodes(path: Path, *, limits: PhotoLimits) -> None:
-    """Check that a photo is complete, by decoding it at the smallest size that its format allows.
-
-    Raises:
-        PhotoError: The file is missing, not an image, truncated, damaged, or exceeds the limits.
-    """
+    """Check that a photo is complete, by decoding it at the smallest size that its format allows."""
     with open_image(path, limits=limits) as image:
         image.draft("L", _SMALL)
         image.load()

@@ -86,7 +86,6 @@ def run(
     Args:
         target: "module:function", imported where the child is forked: it must load neither OpenCV nor faiss.
         arguments: Keyword arguments of JSON types.
-        progress: Checked while waiting.
         preload: Further modules to import before the fork, if they are installed.
         may_write: Largest temporary file, bytes; None for any.
 
@@ -94,7 +93,6 @@ def run(
         TooSlow: Reading takes more time than the budget.
         TrackError: Reading takes more memory than the budget, or the reader failed.
         ExpMapError: Whatever the function raises.
-        Cancelled
     """
     if not hasattr(os, "fork"):
         yield from import_name(target)(**arguments)

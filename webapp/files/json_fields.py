@@ -66,11 +66,6 @@ class JsonField:
         return fields
 
     def items(self) -> list[JsonField]:
-        """Return the items of a list; none if it is missing.
-
-        Raises:
-            MapJsonError: The value is not a list.
-        """
         if self.missing:
             return []
         if not isinstance(self.value, list):
@@ -127,7 +122,6 @@ class JsonField:
 
 
 def finite(value: float) -> bool:
-    """Accept every finite number."""
     return math.isfinite(value)
 
 
@@ -142,11 +136,7 @@ def parse_json(data: bytes, *, where: str, most_values: int | None = None) -> Js
     NaN, duplicate fields and texts that cannot be encoded are errors.
 
     Args:
-        where: Name of the file, for errors.
         most_values: Limit of the number of values, each of which takes some 150 bytes of memory.
-
-    Returns:
-        The root, with the path `$`.
 
     Raises:
         MapJsonError: The JSON is invalid; syntax errors have line and column.
@@ -192,11 +182,6 @@ def _is_unicode(value: object) -> bool:
 
 
 def by_id(field: JsonField, *, parse: Callable[[JsonField], tuple[int, T]]) -> dict[int, T]:
-    """Parse the items of a list, and return them by id.
-
-    Raises:
-        MapJsonError: An id is repeated, or `parse` raises it.
-    """
     found: dict[int, T] = {}
     for item in field.items():
         id, value = parse(item)

@@ -45,11 +45,7 @@ def normal_name(name: str) -> str:
 
 
 class Spelling:
-    """Finds files whose names differ from a given one in letter case, Unicode form, folder or a typing error.
-
-    Args:
-        names: Relative paths that exist.
-    """
+    """Finds files whose names differ from a given one in letter case, Unicode form, folder or by a typo."""
 
     def __init__(self, names: Iterable[str]) -> None:
         self._names = set(names)
@@ -93,12 +89,6 @@ def list_files(folder: Path, *, leave_out: Iterable[Path] = ()) -> list[str]:
     """List the files below a folder, relative to it with forward slashes, in natural order (2 before 10).
 
     Names that begin with a dot are left out; links to folders are not followed.
-
-    Args:
-        leave_out: Folders not to enter.
-
-    Raises:
-        UsageError: The folder, or one below it, cannot be listed.
     """
     closed = {path.resolve() for path in leave_out}
     found = []

@@ -73,10 +73,6 @@ def exclusive(path: Path, *, doing: str, wait_s: int = 60) -> AbstractContextMan
         path: The lock file; its folder is created if missing.
         doing: Message of `Busy`: what the other process is doing.
         wait_s: Seconds after which `Busy` suggests to try again.
-
-    Raises:
-        Busy: Another process, or thread, holds the lock.
-        StorageError: The folder cannot be written.
     """
     return one_of([path], doing=doing, wait_s=wait_s)
 
@@ -151,7 +147,6 @@ def any_alive(folder: Path, *, but: str = "") -> bool:
 
     Args:
         folder: Contains `*.lock` files; may be missing.
-        but: Pattern of the names of files that do not count.
     """
     return any(_is_held(path) for path in folder.glob("*.lock") if not path.match(but or "-"))
 

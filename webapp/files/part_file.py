@@ -26,8 +26,8 @@ class WrongOffset(Conflict):
         offset: Bytes received so far: where to resume.
     """
 
-    def __init__(self, message: str, *, offset: int, where: str | None = None) -> None:
-        super().__init__(message, where=where, hint=f"resume at byte {offset}")
+    def __init__(self, message: str, *, offset: int) -> None:
+        super().__init__(message, hint=f"resume at byte {offset}")
         self.offset = offset
 
 
@@ -36,9 +36,6 @@ def one_at_a_time(part: Path) -> Iterator[None]:
     """Lock an upload, so that one process or thread at a time works on its bytes.
 
     Uploads whose names begin alike share a lock file; these are few and never deleted, which avoids races.
-
-    Raises:
-        Conflict: Another process has held the lock for too long.
     """
     try:
         with FileLock(part.with_name(f"{part.name[:2]}.lock"), timeout=_WAIT_S):
@@ -61,10 +58,6 @@ def append(part: Path, data: bytes, *, offset: int, size: int) -> int:
     Args:
         part: Created with the first chunk.
         offset: Position of the chunk in the file, according to the sender.
-        size: Bytes of the whole file.
-
-    Returns:
-        Bytes received so far.
 
     Raises:
         WrongOffset: The bytes received so far do not end at `offset`; nothing was changed.
@@ -96,9 +89,6 @@ def receive(part: Path, stream: IO[bytes], *, max_bytes: int) -> int:
 
     Args:
         part: Must not exist.
-
-    Returns:
-        Bytes written.
 
     Raises:
         InputError: There are more than `max_bytes`; nothing was kept.
@@ -181,6 +171,5 @@ def _on_disk(path: Path) -> Iterator[None]:
 
 
 def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -40,17 +40,10 @@ _NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 @dataclass(frozen=True, slots=True)
 class TextRow:
-    """One line of a table."""
-
     fields: tuple[str, ...]  # As many as in the header
     where: str  # File and line
 
     def number(self, column: int) -> float:
-        """Return a column as a finite number.
-
-        Raises:
-            TableError: It is not a finite number.
-        """
         text = self.fields[column].strip()
         value = float(text) if _NUMBER.fullmatch(text) else math.nan
         if not math.isfinite(value):
@@ -93,14 +86,8 @@ def read_table(path: Path, *, headers: Sequence[str]) -> tuple[str, list[TextRow
 
     A byte order mark, CRLF and blank lines are accepted.
 
-    Args:
-        headers: The accepted headers, such as `x;y;lat;lon`.
-
     Returns:
         header: The one found.
-
-    Raises:
-        TableError: The file cannot be read, has another header, or a line has another number of columns.
     """
     lines = read_text(path, error=TableError).splitlines() or [""]
     header = lines[0].strip().replace(" ", "").lower()
@@ -124,9 +111,6 @@ def numbered_lines(file: BinaryIO) -> Iterator[tuple[int, str]]:
 
     Text is UTF-8, with or without a byte order mark; lines that are not UTF-8 are read in a code page of
     Windows, the one in which the first of them makes sense with what follows.
-
-    Raises:
-        TrackError: A line is longer than `MAX_LINE`, or the file is UTF-16.
     """
     page = ""
     for number, line in enumerate(_lines(file), 1):

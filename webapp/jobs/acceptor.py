@@ -1,27 +1,32 @@
-"""Accepts the connections of a server in the supervisor, which does no other work.
+"""Accepts the connections of a server in the supervisor, and queues them for the web processes.
 
 Health checks are answered at once, however busy the web processes are. All other connections are passed to
 these: whichever is free first takes the next one. The web processes thus do not hold the listening socket,
-and the port is free as soon as the supervisor has ended.
+and the port is free as soon as the supervisor has ended. A message of the queue is one byte and a file
+descriptor (`SCM_RIGHTS`). Messages stay in the queue while no web process runs. Linux only.
 """
 
 from __future__ import annotations
 
 import asyncio
+import errno
+import fcntl
 import json
 import logging
 import math
 import re
 import socket
+import struct
+import sys
+import termios
 import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from http import HTTPStatus
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
-from webapp.jobs.connection_queue import TooManyPassed, connection_queue
 from webapp.jobs.health import PROBES, Health, Report
 from webapp.settings import Settings
 from webapp.store.library import Library
@@ -45,12 +50,7 @@ _STOPS_WITHIN_S = 2.0
 
 
 class Acceptor:
-    """A thread that accepts connections.
-
-    Args:
-        listener: The listening socket.
-        draining: As in `Health`.
-    """
+    """A thread that accepts connections."""
 
     def __init__(
         self, listener: socket.socket, library: Library, *, settings: Settings, draining: Callable[[], bool]
@@ -80,7 +80,6 @@ class Acceptor:
         self.receiving_end.close()
 
     def is_running(self) -> bool:
-        """Return whether it accepts connections."""
         return self._thread.is_alive()
 
     def stop(self) -> None:
@@ -224,3 +223,68 @@ def _response(report: Mapping[str, str], status: HTTPStatus, *, with_body: bool)
         "Connection: close\r\n\r\n"
     )
     return head.encode() + (body if with_body else b"")
+
+
+CAN_PASS = sys.platform == "linux"
+"""Whether there are such queues; elsewhere the web processes accept connections themselves."""
+
+_MARK = b"c"
+
+
+class TooManyPassed(Exception):
+    """Too many file descriptors are in queues, for the limits of the system."""
+
+
+class SendingEnd(socket.socket):
+    def send_connection(self, connection: socket.socket) -> None:
+        """Send a copy of a connection.
+
+        Raises:
+            BlockingIOError: The queue is full.
+        """
+        try:
+            socket.send_fds(self, [_MARK], [connection.fileno()])
+        except OSError as error:
+            if error.errno == errno.ETOOMANYREFS:
+                raise TooManyPassed from error
+            raise
+
+    def is_empty(self) -> bool:
+        """Return whether everything that was sent has been received."""
+        (unread,) = struct.unpack("i", fcntl.ioctl(self, termios.TIOCOUTQ, struct.pack("i", 0)))
+        return bool(unread == 0)
+
+
+class ReceivingEnd(socket.socket):
+    """The end of the web processes, which gunicorn takes for a listening socket."""
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        """Take a connection; returns it with the client's address.
+
+        Raises:
+            BlockingIOError: There is none.
+            EOFError: The supervisor is gone.
+            ConnectionAbortedError: The client is gone, or this process has no free file descriptor.
+        """
+        data, fds, _, _ = socket.recv_fds(self, len(_MARK), 1, socket.MSG_CMSG_CLOEXEC)
+        if not data:
+            raise EOFError("the supervisor is gone")
+        if not fds:
+            raise ConnectionAbortedError(errno.ECONNABORTED, "no free file descriptor")
+        connection = socket.socket(fileno=fds[0])
+        try:
+            return connection, connection.getpeername()
+        except OSError as error:
+            connection.close()
+            raise ConnectionAbortedError(errno.ECONNABORTED, "the client is gone") from error
+
+    def getsockname(self) -> tuple[str, int]:
+        """Return an address that is not a string, as gunicorn would delete a file of that name."""
+        return "", 0
+
+
+def connection_queue() -> tuple[SendingEnd, ReceivingEnd]:
+    ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    for end in ends:
+        end.setblocking(False)
+    return SendingEnd(fileno=ends[0].detach()), ReceivingEnd(fileno=ends[1].detach())

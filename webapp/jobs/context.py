@@ -35,31 +35,18 @@ class Context:
 
     @contextmanager
     def write(self) -> Iterator[Session]:
-        """Open a write transaction, provided that the job still holds its lease.
-
-        Raises:
-            Conflict: The lease is lost.
-        """
+        """Open a write transaction, provided that the job still holds its lease."""
         with self.library.database.write() as session:
             jobs.guard(session, self.lease)
             yield session
 
     @contextmanager
     def changing(self, map_id: int) -> Iterator[MapChange]:
-        """Change a map as `Library.changing` does, provided that the job still holds its lease.
-
-        Raises:
-            Conflict: The lease is lost.
-        """
+        """Change a map as `Library.changing` does, provided that the job still holds its lease."""
         with self.write() as session, change_map(session, map_id) as change:
             yield change
 
     def map(self) -> MapRecord:
-        """Read the map's record.
-
-        Raises:
-            NotFound: The map has been deleted in the meantime.
-        """
         with self.library.database.read() as session:
             record = None if self.map_id is None else session.get(MapRecord, self.map_id)
         if record is None:
@@ -96,7 +83,6 @@ class JobProgress(Progress):
             self._sizes[self._stage : self._stage + 1] = [total]
 
     def advance(self, steps: int = 1) -> None:
-        """Count finished steps."""
         with self._lock:
             self._done += steps
 
@@ -116,7 +102,6 @@ class JobProgress(Progress):
         return self._stop.is_set()
 
     def stop(self) -> None:
-        """Request that the work stops."""
         self._stop.set()
 
     def give_way(self) -> None:

@@ -26,8 +26,6 @@ Sweep = Callable[[Library, Settings], object]
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A kind of job."""
-
     function: str  # "module:function"
     short: bool = False  # Does not wait behind long work
 
@@ -58,15 +56,9 @@ class JobRegistry:
     sweeps: tuple[Sweep, ...] = ()  # Run periodically, in addition to those of maps
 
     def short(self) -> frozenset[str]:
-        """Return the names of the short kinds."""
         return frozenset(name for name, kind in self.kinds.items() if kind.short)
 
     def function(self, kind: str) -> Function:
-        """Import the function that does a kind of job.
-
-        Raises:
-            UsageError: The kind does not exist.
-        """
         if kind not in self.kinds:
             raise UsageError(
                 f"unknown kind of job: {kind!r}",

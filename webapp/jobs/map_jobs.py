@@ -8,19 +8,17 @@ from typing import Any
 from webapp.core.geo.tilegrid import GeoBox
 from webapp.errors import NotFound
 from webapp.files.localize import adopted
-from webapp.files.localize.blur_networks import blur_networks
-from webapp.files.localize.global_model import usable_global_descriptor
+from webapp.files.localize.models import blur_networks, usable_global_descriptor
 from webapp.files.maps.folder import read_map
 from webapp.jobs.context import Context
 from webapp.render import export_file
 from webapp.settings import Settings
 from webapp.store.maps import maps
 from webapp.store.maps.blurred import boxes_of
-from webapp.tasks.blur.accept import accept_in_library
-from webapp.tasks.blur.find import PhotoToSearch, search_photos
+from webapp.tasks.blur.find import PhotoToSearch, accept_in_library, search_photos
 from webapp.tasks.evaluation import evaluate
 from webapp.tasks.evaluation import stored as stored_evaluation
-from webapp.tasks.evaluation.measure import with_hidden_photos
+from webapp.tasks.evaluation.evaluate import with_hidden_photos
 from webapp.tasks.evaluation.types import EvaluateOptions
 from webapp.tasks.exchange import import_map
 from webapp.tasks.exchange.import_map import archive_path
@@ -28,10 +26,10 @@ from webapp.tasks.find import describe_library
 from webapp.tasks.landmarks import stored as stored_places
 from webapp.tasks.landmarks.adjust import adjust_submodels
 from webapp.tasks.landmarks.colours import colour_cloud
+from webapp.tasks.landmarks.on_demand import reconstruct_part
 from webapp.tasks.landmarks.place_rest import suggest_rest
 from webapp.tasks.landmarks.reconstruct import reconstruct
 from webapp.tasks.landmarks.show_cloud import align_in_library
-from webapp.tasks.landmarks.surroundings import reconstruct_part
 from webapp.tasks.localize import build_map
 from webapp.tasks.localize.adopt_query import independent_photos
 from webapp.tasks.localize.open_pipeline import make_plan, open_pipeline
@@ -43,8 +41,7 @@ from webapp.tasks.satellite.apply import ImageChoice, set_image
 from webapp.tasks.satellite.files import removed_if_refused
 from webapp.tasks.satellite.tiles import TileRequest
 from webapp.tasks.street.add_street import add_street_photos
-from webapp.tasks.street.survey import PixelBox, StreetRequest, survey_street
-from webapp.tasks.street.targets import LibraryTarget
+from webapp.tasks.street.survey import LibraryTarget, PixelBox, StreetRequest, survey_street
 
 _NAMED = 100
 """Maximum number of photos or findings named in a result."""

@@ -6,7 +6,7 @@ from typing import Any
 
 from webapp.jobs.context import Context
 from webapp.tasks.operate import models
-from webapp.tasks.operate.second_looks import queue_second_looks
+from webapp.tasks.operate.models import queue_second_looks
 
 
 def fetch_models(context: Context) -> dict[str, Any]:

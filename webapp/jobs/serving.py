@@ -22,9 +22,8 @@ from sqlalchemy import select
 
 from webapp.errors import ExpMapError, MissingPart, UsageError
 from webapp.extras import require
-from webapp.jobs.acceptor import Acceptor
-from webapp.jobs.connection_queue import CAN_PASS
-from webapp.jobs.draining import Drain
+from webapp.jobs.acceptor import CAN_PASS, Acceptor
+from webapp.jobs.health import Drain
 from webapp.jobs.webserver import native_threads
 from webapp.logs import Form
 from webapp.progress import Progress
@@ -141,11 +140,7 @@ def _network_address(family: int) -> str | None:
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """Open a listening socket; wait a little if an earlier server has not yet freed the port.
-
-    Raises:
-        UsageError: Another program uses the port, or the address is not one of this machine.
-    """
+    """Open a listening socket; wait a little if an earlier server has not yet freed the port."""
     until = time.monotonic() + _FREE_WITHIN_S
     while True:
         try:
@@ -195,11 +190,7 @@ def _workers(site: Site, library: Library, *, settings: Settings) -> list[Child]
 
 
 def worker_child(library: Library, *, log: Form, short: bool) -> Child:
-    """Make a background worker that ends with this process.
-
-    Args:
-        short: Whether it does only short jobs.
-    """
+    """Make a background worker that ends with this process."""
     command = ["worker", "--library", str(library.folder), "--parent", str(os.getpid()), "--log", log]
     return Child(
         "the background worker for short jobs" if short else "the background worker",
@@ -210,11 +201,7 @@ def worker_child(library: Library, *, log: Form, short: bool) -> Child:
 
 @contextmanager
 def kept_running(children: Sequence[Child], *, stop_s: float) -> Iterator[None]:
-    """Keep processes running during the block, from a thread; then stop them.
-
-    Args:
-        stop_s: Seconds that the processes have to stop before they are killed.
-    """
+    """Keep processes running during the block, from a thread; then stop them."""
     ended = threading.Event()
 
     def tend() -> None:
@@ -340,9 +327,7 @@ class Child:
     """A process that is restarted whenever it exits.
 
     Args:
-        name: For the log.
         environment: Environment of the process; None: that of this process.
-        fds: File descriptors it inherits.
     """
 
     def __init__(
@@ -391,7 +376,6 @@ class Child:
         self._started_at = time.monotonic()
 
     def ask_to_stop(self) -> None:
-        """Send SIGTERM."""
         if self._process is not None:
             self._process.terminate()
 

@@ -34,7 +34,7 @@ from gunicorn.workers.gthread import TConn, ThreadWorker  # type: ignore[import-
 from webapp import telemetry
 from webapp.configuration import load_settings
 from webapp.importing import import_name
-from webapp.jobs.connection_queue import ReceivingEnd
+from webapp.jobs.acceptor import ReceivingEnd
 from webapp.logs import FORMS, log_to_stderr
 from webapp.settings import Settings, let_threads_sleep
 from webapp.threads import cores
@@ -74,7 +74,6 @@ class ClientSocket(socket.socket):
     _received = 0
 
     def begin_request(self) -> None:
-        """Reset the counters for a new request."""
         self._waited_s, self._received = 0.0, 0
 
     def setblocking(self, flag: bool) -> None:
@@ -214,7 +213,6 @@ class PatientWorker(ThreadWorker):  # type: ignore[misc]
         os._exit(0)
 
     def handle(self, conn: Connection) -> Any:
-        """Answer a request."""
         conn.sock.begin_request()
         return super().handle(conn)
 
@@ -232,7 +230,6 @@ class Server(BaseApplication):  # type: ignore[misc]
 
     Args:
         app: "module:function", called with the settings in each worker process.
-        options: Gunicorn's options.
         parent: Id of the supervisor's process; the server stops when it is gone.
         listeners: Listening sockets; none: those of the options.
     """
@@ -325,7 +322,6 @@ def gunicorn_options(settings: Settings, *, fd: int, workers: int) -> dict[str, 
 
     Args:
         fd: File descriptor of the listening socket: requests wait there while gunicorn restarts.
-        workers: Number of processes.
     """
     return {
         "bind": f"fd://{fd}",

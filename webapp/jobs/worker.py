@@ -32,8 +32,8 @@ from webapp.errors import (
 )
 from webapp.files.atomic import storage_error, takes_nothing
 from webapp.jobs.context import Context, JobProgress
+from webapp.jobs.health import ProcessLock
 from webapp.jobs.kinds import JobRegistry, Sweep
-from webapp.jobs.process_lock import ProcessLock
 from webapp.logs import at_work
 from webapp.settings import Settings
 from webapp.store.library import Library
@@ -43,7 +43,7 @@ from webapp.store.schema import Job, MapRecord
 from webapp.tasks.find.queue_refresh import queue_refresh
 from webapp.tasks.maps import delete_map, photo_files
 from webapp.tasks.maps.export import export_late_maps
-from webapp.tasks.operate import maintain_objects, sweep_uploads
+from webapp.tasks.operate import maintain_objects
 from webapp.tasks.satellite import files
 from webapp.telemetry import span
 from webapp.threads import ContextThreads
@@ -97,11 +97,7 @@ class Worker:
         self._ended = threading.Event()
 
     def run(self, *, once: bool = False) -> None:
-        """Run jobs until stopped.
-
-        Args:
-            once: Return when the queue is empty.
-        """
+        """Run jobs until stopped."""
         exporter = threading.Thread(target=self._export, name="export", daemon=True)
         tends = not once and not self._lanes.only_short
         if tends:
@@ -360,7 +356,7 @@ def delete_leftovers(library: Library, settings: Settings, *, more: Sequence[Swe
     with library.database.read() as session:
         ids = session.scalars(select(MapRecord.id)).all()
     sweeps: list[Callable[[], object]] = [partial(sweep, library, settings) for sweep in more]
-    sweeps.append(partial(sweep_uploads.sweep_uploads, library, settings=settings))
+    sweeps.append(partial(photo_files.sweep_uploads, library, settings=settings))
     sweeps += [partial(photo_files.sweep_orphans, library, map_id=id) for id in ids]
     keep = timedelta(hours=settings.upload.keep_hours)
     sweeps += [partial(files.sweep, library, map_id=id, keep=keep) for id in ids]

@@ -1,4 +1,4 @@
-"""GET requests with limits of bytes and time, which hold whatever a server sends.
+"""GET requests and downloads with limits of bytes and time, which hold whatever a server sends.
 
 The timeout of `requests` is that of one read from the socket, so that a byte now and then keeps a request
 open for ever, and nobody counts the bytes of headers, chunk sizes and trailers. Here the limits apply at the
@@ -19,6 +19,10 @@ import requests
 from requests.adapters import HTTPAdapter
 from urllib3 import HTTPConnectionPool, HTTPSConnectionPool
 from urllib3.connection import HTTPConnection, HTTPSConnection
+
+from webapp import __version__
+from webapp.errors import InputError
+from webapp.progress import Progress
 
 CHUNK = 65_536
 _SLOWEST = 5_000.0
@@ -49,7 +53,6 @@ class BoundedAdapter(HTTPAdapter):
 
 
 def bounded_session(user_agent: str, adapter: HTTPAdapter | None = None) -> requests.Session:
-    """Create a session for `answering`."""
     session = requests.Session()
     session.headers["User-Agent"] = user_agent
     adapter = adapter or BoundedAdapter()
@@ -171,3 +174,43 @@ class _SecurePool(HTTPSConnectionPool):
 
 
 _POOLS = {"http": _Pool, "https": _SecurePool}
+
+
+_USER_AGENT = f"experience-map/{__version__}"
+_TIMEOUT_S = 20.0
+_HINT = "try again later, or copy the file to this machine yourself and give its folder with --from"
+
+
+def download(address: str, *, size: int, progress: Progress) -> bytes:
+    """Fetch a file.
+
+    Args:
+        size: Expected size in bytes; reading stops beyond it.
+
+    Returns:
+        Of the right size; the caller has to check the content.
+
+    Raises:
+        InputError: The host does not answer, or not with a file of this size.
+    """
+    progress.size(-(-size // CHUNK))
+
+    def advance() -> None:
+        progress.check()
+        progress.advance()
+
+    try:
+        with (
+            bounded_session(_USER_AGENT) as session,
+            answering(session, address, most_bytes=size, timeout_s=_TIMEOUT_S) as answer,
+        ):
+            if answer.status_code != requests.codes.ok:
+                raise InputError(f"the host answered {answer.status_code}", where=address, hint=_HINT)
+            data = body(answer, most_bytes=size, at_chunk=advance)
+    except requests.RequestException as error:
+        message = f"the host cannot be reached ({type(error).__name__})"
+        raise InputError(message, where=address, hint=_HINT) from error
+    if data is None or len(data) != size:
+        received = "more" if data is None else len(data)
+        raise InputError(f"expected {size} bytes, received {received}", where=address, hint=_HINT)
+    return data

@@ -24,25 +24,13 @@ _WHERE = "place search"
 
 @dataclass(frozen=True, slots=True)
 class GeocoderResult:
-    """A result of the search."""
-
     name: str  # Display name, with the regions that the place is in
     position: LatLon
     box: GeoBox  # Its extent
 
 
 def search(text: str, *, language: str, settings: GeocoderSettings) -> tuple[GeocoderResult, ...]:
-    """Send one request to the host.
-
-    Args:
-        language: Preferred language of the names, such as `cs`.
-
-    Returns:
-        The best match first; empty if there is none.
-
-    Raises:
-        InputError: The host does not answer, refuses, or sends an invalid answer.
-    """
+    """Send one request to the host; the best match comes first."""
     wish = {"q": text, "format": "jsonv2", "limit": str(_MOST), "accept-language": language}
     try:
         content = json.loads(_ask(str(settings.address), wish, timeout_s=settings.timeout_s))

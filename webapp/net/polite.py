@@ -56,8 +56,6 @@ class PoliteClient:
     """Sends requests to one service, and to the hosts of its photos.
 
     Args:
-        name: Display name of the service.
-        base: Its address.
         headers: For the service itself only: a token must not be sent to other hosts.
     """
 
@@ -102,7 +100,6 @@ class PoliteClient:
         return self._fetch(address, max_bytes=max_bytes)
 
     def may_fetch(self, address: str) -> bool:
-        """Return whether photos may be fetched from this address."""
         try:
             parts = _parse(address)
         except ValueError:
@@ -214,7 +211,6 @@ def _origin(address: str) -> tuple[str | None, str | None]:
 
 
 def _host(address: str) -> str:
-    """Return the host of an address, for messages."""
     try:
         return _parse(address).host or "?"
     except ValueError:

@@ -1,4 +1,11 @@
-"""Common parts of the services of street-level photos: their interface, and how photos are listed."""
+"""Services of street-level photos: Panoramax and Mapillary, their interface, and how photos are listed.
+
+Panoramax is an open federation, asked through the STAC API of one of its instances with `requests`:
+pystac-client has its own retries, and its own handling of hosts and redirects. https://docs.panoramax.fr/api/
+
+Mapillary is asked through its API v4 with a token. Its photos are under CC BY-SA 4.0.
+https://www.mapillary.com/developer/api-documentation
+"""
 
 from __future__ import annotations
 
@@ -7,8 +14,9 @@ import re
 import unicodedata
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
 from typing import Any, Protocol
+from urllib.parse import urlencode, urljoin
 
 from webapp.core.geo.tilegrid import GeoBox
 from webapp.core.geo.types import LatLon
@@ -33,8 +41,6 @@ _WHERE = "street-level photos"
 
 @dataclass(frozen=True, slots=True)
 class StreetPhoto:
-    """A photo of a service."""
-
     id: str  # In the service: letters, digits, `_` and `-`
     position: LatLon
     address: str  # Address of the file
@@ -52,8 +58,6 @@ class StreetPhoto:
 
 @dataclass(frozen=True, slots=True)
 class ListedPage:
-    """A page of the list of photos of a service."""
-
     items: list[Any]  # Descriptions of photos, in the format of the service
     next: str | None = None  # Address of the next page
 
@@ -91,8 +95,6 @@ class StreetService(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class StreetListing:
-    """The photos of an area."""
-
     photos: tuple[StreetPhoto, ...]
     # Number of photos whose descriptions cannot be used: without a file, a position, or a licence.
     unusable: int
@@ -105,13 +107,9 @@ def list_photos(
 
     A full page without a next one is assumed to be truncated: its area is queried again in quarters.
 
-    Args:
-        most: Maximum number of photos.
-
     Raises:
         UsageError: The area has more, or is too large for the service.
         InputError, TooMany: The service does not answer, or not with a list of photos.
-        Cancelled
     """
     found: dict[str, StreetPhoto] = {}
     unusable: set[str] = set()
@@ -194,11 +192,6 @@ def _quarters(box: GeoBox) -> list[GeoBox]:
 
 
 def plain_id(value: object) -> str:
-    """Return the id of a photo.
-
-    Raises:
-        ValueError: It cannot be part of a file name.
-    """
     text = str(value)
     if not _PLAIN_ID.fullmatch(text):
         raise ValueError("not a plain id")
@@ -239,7 +232,6 @@ def short_text(value: Any) -> str | None:
 
 
 def time_text(value: Any) -> str | None:
-    """Read an optional time."""
     try:
         return datetime.fromisoformat(value).isoformat(timespec="milliseconds")
     except (TypeError, ValueError):
@@ -251,3 +243,141 @@ def estimated_bytes(width: float | None, height: float | None, *, is_panorama: b
     wide, high = (width or 4.0 * SIDE_PX), (height or (2.0 if is_panorama else 3.0) * SIDE_PX)
     shrink = 1.0 if is_panorama else min(1.0, SIDE_PX / max(wide, high, 1.0))
     return round(wide * high * shrink**2 * _BYTES_PER_PIXEL)
+
+
+_LICENCE = "CC BY-SA 4.0"
+_PANORAMAS = ("spherical", "equirectangular")
+_FIELDS = (
+    "id,computed_geometry,geometry,compass_angle,computed_compass_angle,captured_at,thumb_2048_url,"
+    "thumb_original_url,is_pano,camera_type,camera_parameters,width,height,creator"
+)
+
+
+class Mapillary:
+    """The service; lists of an area have no next page, so that a full one is queried again in quarters."""
+
+    name = "Mapillary"
+    key = "mapillary"
+    page_size = 2000
+    max_area_deg2 = 0.01
+
+    def __init__(self, base: str, *, token: str) -> None:
+        self.base = base.rstrip("/")
+        self.headers: Mapping[str, str] = {"Authorization": f"OAuth {token}"}
+
+    def address(self, box: GeoBox) -> str:
+        sides = ",".join(f"{side:.7f}" for side in (box.west, box.south, box.east, box.north))
+        wish = {"bbox": sides, "limit": self.page_size, "fields": _FIELDS}
+        return f"{self.base}/images?{urlencode(wish, safe=',')}"
+
+    def page(self, content: Any) -> ListedPage:
+        return ListedPage(content["data"], (content.get("paging") or {}).get("next"))
+
+    def photo(self, item: Any) -> StreetPhoto:
+        """Parse a photo; its position is that by structure from motion, else by GPS."""
+        is_panorama = bool(item.get("is_pano")) or item.get("camera_type") in _PANORAMAS
+        width, height = number(item.get("width")), number(item.get("height"))
+        id = plain_id(item["id"])
+        computed = heading(item.get("computed_compass_angle"))
+        original = item.get("thumb_original_url") if is_panorama else None
+        return StreetPhoto(
+            id,
+            position(item.get("computed_geometry") or item["geometry"]),
+            address=str(original or item["thumb_2048_url"]),
+            licence=_LICENCE,
+            page=f"https://www.mapillary.com/app/?pKey={id}&focus=photo",
+            size_bytes=estimated_bytes(width, height, is_panorama=is_panorama),
+            is_panorama=is_panorama,
+            heading_deg=heading(item.get("compass_angle")) if computed is None else computed,
+            fov_deg=None if is_panorama else _fov_deg(item, width, height),
+            taken_at=_time(item.get("captured_at")),
+            author=short_text((item.get("creator") or {}).get("username")),
+        )
+
+
+def _fov_deg(item: Any, width: float | None, height: float | None) -> float | None:
+    """Compute the horizontal field of view; the focal length is in units of the longer side."""
+    parameters = item.get("camera_parameters") or [None]
+    focal = number(parameters[0]) if item.get("camera_type") == "perspective" else None
+    if not focal or not width or not height or min(focal, width, height) <= 0:
+        return None
+    return math.degrees(2.0 * math.atan(width / (2.0 * focal * max(width, height))))
+
+
+def _time(value: Any) -> str | None:
+    milliseconds = number(value)
+    if milliseconds is None:
+        return None
+    return datetime.fromtimestamp(milliseconds / 1000.0, UTC).isoformat(timespec="milliseconds")
+
+
+_MOST_ACCURACY_M = 10_000.0
+_MOST_BYTES = 1e9
+"""Larger values are taken for errors."""
+
+
+class Panoramax:
+    """One instance, which may list photos of others.
+
+    Args:
+        base: Its address, with or without `/api`.
+    """
+
+    name = "Panoramax"
+    key = "panoramax"
+    page_size = 1000
+    max_area_deg2 = 1.0
+
+    def __init__(self, base: str) -> None:
+        self.base = base.rstrip("/").removesuffix("/api")
+        self.headers: Mapping[str, str] = {}
+
+    def address(self, box: GeoBox) -> str:
+        """Return the address of the first page of the list of an area."""
+        sides = ",".join(f"{side:.7f}" for side in (box.west, box.south, box.east, box.north))
+        return f"{self.base}/api/search?{urlencode({'bbox': sides, 'limit': self.page_size}, safe=',')}"
+
+    def page(self, content: Any) -> ListedPage:
+        links = content.get("links") or []
+        following = next((link["href"] for link in links if link.get("rel") == "next"), None)
+        return ListedPage(content["features"], following and urljoin(f"{self.base}/api/search", following))
+
+    def photo(self, item: Any) -> StreetPhoto:
+        """Parse a STAC item: a flat photo in the size that a map uses, a panorama in full size."""
+        facts, assets = item["properties"], item["assets"]
+        camera = facts.get("pers:interior_orientation") or {}
+        width, height = (number(side) for side in (camera.get("sensor_array_dimensions") or [None, None])[:2])
+        fov = number(camera.get("field_of_view"))
+        is_panorama = fov == 360.0
+        asset = assets.get("hd" if is_panorama else "sd") or assets["hd"]
+        is_whole = asset is assets.get("hd")
+        said = amount(facts.get("original_file:size"), most=_MOST_BYTES) if is_whole else None
+        id = plain_id(item["id"])
+        return StreetPhoto(
+            id,
+            position(item["geometry"]),
+            address=urljoin(f"{self.base}/api/", str(asset["href"])),
+            licence=_needed(short_text(facts.get("license"))),
+            page=f"{self.base}/#focus=pic&pic={id}",
+            size_bytes=round(said or estimated_bytes(width, height, is_panorama=is_panorama)),
+            is_panorama=is_panorama,
+            heading_deg=heading(facts.get("view:azimuth")),
+            fov_deg=fov if fov is not None and 0.0 < fov < 360.0 else None,
+            accuracy_m=amount(facts.get("quality:horizontal_accuracy"), most=_MOST_ACCURACY_M),
+            taken_at=time_text(facts.get("datetimetz") or facts.get("datetime")),
+            author=_producer(item, facts),
+        )
+
+
+def _needed(licence: str | None) -> str:
+    if licence is None:
+        raise ValueError("no licence")
+    return licence
+
+
+def _producer(item: Any, facts: Any) -> str | None:
+    """Return the attribution: the providers with the role `producer`, else Panoramax' own field for it."""
+    providers = item.get("providers") or facts.get("providers") or []
+    names = [short_text(one.get("name")) for one in providers if "producer" in (one.get("roles") or [])]
+    known = [name for name in dict.fromkeys(names) if name]
+    return ", ".join(known) or short_text(facts.get("geovisio:producer"))

@@ -1,23 +1,28 @@
-"""Fetches map tiles through a cache, with limits for parallel requests, request rate and size."""
+"""The available map tile services, and their tiles, fetched through a cache.
+
+Parallel requests, the request rate and sizes are limited.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import secrets
 import time
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass, replace
 from pathlib import Path
+from urllib.parse import quote, urlsplit
 
 import requests
 from urllib3.util import Retry
 
 from webapp import __version__
-from webapp.core.geo.tilegrid import Tile
-from webapp.errors import InputError, StorageError
+from webapp.core.geo.tilegrid import MAX_ZOOM, Tile
+from webapp.errors import InputError, NotFound, StorageError, UsageError
 from webapp.net.bounded import BoundedAdapter, answering, body, bounded_session
 from webapp.net.polite import RateLimit
-from webapp.net.services import TileService
 from webapp.progress import Progress
 from webapp.settings import TileSettings
 from webapp.threads import ContextThreads
@@ -66,16 +71,12 @@ class TileFetcher:
 
         Each one is in the cache before it is yielded, so that a stopped download can be resumed.
 
-        Args:
-            progress: Used only for cancellation, also while waiting for the service.
-
         Yields:
             A PNG, JPEG or WebP file; None where the service has no tile.
 
         Raises:
             InputError: The service does not answer, refuses, or does not send an image.
             StorageError: The cache cannot be written.
-            Cancelled
         """
         todo = iter(tiles)
         pool = ContextThreads(self._settings.parallel)
@@ -147,3 +148,162 @@ def _keep(path: Path, data: bytes) -> None:
         raise StorageError(
             f"a tile cannot be kept: {error.strerror}", where="cache of tiles", hint="is the disk full?"
         ) from error
+
+
+_HINT = "see docs/satellite.md for how such a file is written"
+_FILE_URL = "/api/v1/tile-services/{name}/tiles/{{z}}/{{x}}/{{y}}"
+_FIELDS = ("name", "attribution", "max_zoom", "url", "file", "max_tiles", "public")
+
+
+@dataclass(frozen=True, slots=True)
+class TileService:
+    """Tiles in the standard grid of Web Mercator, of a service or in a file of this server."""
+
+    name: str
+    url: str  # Template with `{z}`, `{x}` and `{y}`, counted from the north; of a file: of this server
+    attribution: str  # Attribution to show with the image
+    max_zoom: int  # Highest zoom that it has
+    # Maximum number of tiles per image, if the service wants fewer than the settings allow.
+    max_tiles: int | None = None
+    public: bool = False  # Whether visitors of shared maps may see its address, which may contain a key
+    file: Path | None = None  # MBTiles or PMTiles with its tiles
+
+    @property
+    def origin(self) -> str:
+        """Scheme and host, as a content security policy names them."""
+        parts = urlsplit(self.url)
+        return f"{parts.scheme}://{parts.netloc}"
+
+    def address(self, *, z: int, x: int, y: int) -> str:
+        return self.url.replace("{z}", str(z)).replace("{x}", str(x)).replace("{y}", str(y))
+
+
+_WITHOUT_A_KEY = (
+    TileService(
+        "OpenStreetMap",
+        "https://tile.openstreetmap.org/{z}/{x}/{y}.png",
+        "© OpenStreetMap contributors (ODbL)",
+        19,
+        max_tiles=64,
+    ),
+    TileService(
+        "Esri World Imagery",
+        "https://server.arcgisonline.com/ArcGIS/rest/services/World_Imagery/MapServer/tile/{z}/{y}/{x}",
+        "Esri, Vantor, Earthstar Geographics, and the GIS User Community",
+        19,
+        max_tiles=256,
+    ),
+    TileService(
+        "Czechia: orthophoto",
+        "https://ags.cuzk.gov.cz/arcgis1/rest/services/ORTOFOTO_WM/MapServer/tile/{z}/{y}/{x}",
+        "© ČÚZK (CC BY 4.0)",
+        20,
+    ),
+    TileService(
+        "Austria: orthophoto",
+        "https://mapsneu.wien.gv.at/basemap/bmaporthofoto30cm/normal/google3857/{z}/{y}/{x}.jpeg",
+        "basemap.at (CC BY 4.0)",
+        19,
+    ),
+    TileService(
+        "Switzerland: SWISSIMAGE",
+        "https://wmts.geo.admin.ch/1.0.0/ch.swisstopo.swissimage/default/current/3857/{z}/{x}/{y}.jpeg",
+        "© swisstopo",
+        20,
+    ),
+    TileService(
+        "France: BD ORTHO",
+        "https://data.geopf.fr/wmts?SERVICE=WMTS&REQUEST=GetTile&VERSION=1.0.0"
+        "&LAYER=ORTHOIMAGERY.ORTHOPHOTOS&STYLE=normal&FORMAT=image/jpeg&TILEMATRIXSET=PM"
+        "&TILEMATRIX={z}&TILEROW={y}&TILECOL={x}",
+        "© IGN (Licence Ouverte 2.0)",
+        19,
+    ),
+    TileService(
+        "USA: National Map imagery",
+        "https://basemap.nationalmap.gov/arcgis/rest/services/USGSImageryOnly/MapServer/tile/{z}/{y}/{x}",
+        "U.S. Geological Survey (public domain)",
+        16,
+    ),
+    TileService(
+        "World: Sentinel-2 cloudless 2016 (10 m)",
+        "https://tiles.maps.eox.at/wmts/1.0.0/s2cloudless_3857/default/g/{z}/{y}/{x}.jpg",
+        "Sentinel-2 cloudless by EOX IT Services GmbH, modified Copernicus Sentinel data 2016 (CC BY 4.0)",
+        14,
+    ),
+)
+
+USUAL = tuple(replace(service, public=True) for service in _WITHOUT_A_KEY)
+"""Services that can be used without a key; their terms of use apply."""
+
+
+def tile_services(file: Path | None) -> tuple[TileService, ...]:
+    """Return the available services; the first one is the default.
+
+    Args:
+        file: JSON: a list of objects with `name`, `attribution`, `max_zoom`, either `url` or `file`, and
+            perhaps `max_tiles` and `public`; a relative `file` is next to it. None for the built-in ones.
+
+    Raises:
+        UsageError: The file cannot be read, or is not such a list; `where` names the place in it.
+    """
+    if file is None:
+        return USUAL
+    try:
+        content = json.loads(file.read_text("utf-8"))
+    except (OSError, ValueError) as error:
+        raise UsageError(f"it cannot be read: {error}", where=str(file), hint=_HINT) from error
+    if not isinstance(content, list) or not content:
+        raise UsageError("it does not hold a list of services", where=str(file), hint=_HINT)
+    services = tuple(
+        _service(item, folder=file.parent, where=f"{file}, service {n}") for n, item in enumerate(content, 1)
+    )
+    if len({service.name for service in services}) < len(services):
+        raise UsageError("two services have the same name", where=str(file), hint="rename one")
+    return services
+
+
+def named_service(services: tuple[TileService, ...], name: str) -> TileService:
+    """Find a service by its name. Raises NotFound."""
+    found = next((service for service in services if service.name == name), None)
+    if found is None:
+        offered = ", ".join(service.name for service in services)
+        raise NotFound("unknown tile service", where=name[:80], hint=f"choose one of: {offered}")
+    return found
+
+
+def _service(item: object, *, folder: Path, where: str) -> TileService:
+    if not isinstance(item, dict) or not set(item).issubset(_FIELDS):
+        raise UsageError(f"the allowed fields are {', '.join(_FIELDS)}", where=where, hint=_HINT)
+    name, attribution, max_zoom, url, file, max_tiles = (item.get(field) for field in _FIELDS[:6])
+    public = item.get("public", False)
+    source = file if url is None else url
+    texts = all(isinstance(text, str) and text.strip() for text in (name, source, attribution))
+    whole = _is_whole(max_zoom, MAX_ZOOM) and (max_tiles is None or _is_whole(max_tiles))
+    if not texts or not whole or not isinstance(public, bool) or None not in (url, file):
+        raise UsageError("a field is missing or has an invalid value", where=where, hint=_HINT)
+    if url is not None:
+        _check_url(str(url), where=where)
+    elif not (folder / str(file)).is_file():
+        raise UsageError("its file does not exist", where=f"{where}: {file}", hint=_HINT)
+    return TileService(
+        str(name),
+        _FILE_URL.format(name=quote(str(name), safe="")) if url is None else str(url),
+        str(attribution),
+        int(str(max_zoom)),
+        max_tiles,
+        public,
+        folder / str(file) if url is None else None,
+    )
+
+
+def _check_url(url: str, *, where: str) -> None:
+    parts = urlsplit(url)
+    if parts.scheme not in ("http", "https") or not parts.hostname or set(parts.netloc) & set("{}@;, \"'"):
+        raise UsageError("its url is not a web address", where=where, hint=_HINT)
+    if any(url.count(place) != 1 for place in ("{z}", "{x}", "{y}")):
+        raise UsageError("its url needs {z}, {x} and {y} once each", where=where, hint=_HINT)
+
+
+def _is_whole(value: object, largest: int = 1_000_000) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= largest

@@ -72,7 +72,6 @@ def draw_matches(
 
     Args:
         query, photo: (height, width, 3) uint8. Upright, at full size; blue, green, red.
-        query_name, photo_name: For the caption.
 
     Returns:
         RGB. The query is on the left, the caption in a band below.

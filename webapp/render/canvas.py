@@ -32,7 +32,6 @@ class Canvas:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height."""
         height, width = self.pixels.shape[:2]
         return width, height
 
@@ -42,7 +41,6 @@ class Canvas:
         self.pixels[y : y + pixels.shape[0], x : x + pixels.shape[1]] = pixels
 
     def disc(self, centre: Point, radius: float, *, colour: RGB) -> None:
-        """Fill a circle."""
         reach = round(radius * _UNIT)
         cv2.circle(self.pixels, _fixed(centre), reach, colour, cv2.FILLED, cv2.LINE_AA, _SHIFT)
 
@@ -57,11 +55,9 @@ class Canvas:
         part[...] = np.rint(part * (1 - cover) + np.array(colour) * cover).astype(np.uint8)
 
     def line(self, start: Point, end: Point, *, colour: RGB, width: int = 1) -> None:
-        """Draw a straight line."""
         cv2.line(self.pixels, _fixed(start), _fixed(end), colour, width, cv2.LINE_AA, _SHIFT)
 
     def polygon(self, corners: Sequence[Point], *, colour: RGB) -> None:
-        """Fill a convex polygon."""
         points = np.array([_fixed(corner) for corner in corners], np.int32)
         cv2.fillConvexPoly(self.pixels, points, colour, cv2.LINE_AA, _SHIFT)
 
@@ -77,7 +73,6 @@ class Canvas:
         self.pixels = np.array(image)
 
     def image(self) -> Image.Image:
-        """Return the picture as a Pillow image."""
         return Image.fromarray(self.pixels)
 
     @contextmanager

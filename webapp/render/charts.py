@@ -10,8 +10,7 @@ import numpy as np
 from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
-from webapp.core.evaluation.metrics import error_curve, wilson_interval
-from webapp.core.evaluation.types import ReliabilityBin
+from webapp.core.evaluation.metrics import ReliabilityBin, error_curve, wilson_interval
 
 WIDTH, HEIGHT = 520, 340
 _LEFT, _RIGHT, _TOP, _BOTTOM = 64, 28, 14, 48
@@ -20,8 +19,6 @@ _DOT = 5
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """One axis of a chart."""
-
     label: str
     # Values and their labels; the first and the last are the ends of the axis.
     ticks: tuple[tuple[float, str], ...]
@@ -65,9 +62,6 @@ def error_chart(
     Args:
         errors: (n,) float64. Of the first hypotheses, map pixels; infinite without a hypothesis.
         place_radius_px: Marked by a line.
-
-    Returns:
-        An SVG element.
     """
     values, shares = error_curve(errors)
     largest = max(float(values[-1]) if values.size else 1.0, place_radius_px, 100.0)
@@ -91,11 +85,7 @@ def error_chart(
 
 
 def reliability_chart(bins: Sequence[ReliabilityBin], *, words: ChartWords = _ENGLISH) -> Markup:
-    """Draw the share of right answers over stated probability, in bins of equal mass with 95 % intervals.
-
-    Returns:
-        An SVG element.
-    """
+    """Draw the share of right answers over stated probability, in bins of equal mass with 95 % intervals."""
     x = Axis(words.stated, SHARE)
     y = Axis(words.right, SHARE)
     diagonal = Markup('<path class="guide" d="M{0} {1}L{2} {3}"/>')

@@ -50,9 +50,6 @@ PAPER: RGB = (250, 251, 252)
 def probability_colour(probability: float) -> RGB:
     """Return the colour of a probability: dark violet at 0, bright yellow at 1.
 
-    Args:
-        probability: Clipped to 0 to 1.
-
     Returns:
         Red, green, blue, 0 to 255.
     """

@@ -32,9 +32,6 @@ def export_map_file(
 ) -> Download:
     """Export a map of the library.
 
-    Args:
-        form: One of `FORMATS`.
-
     Raises:
         UsageError: The format is unknown, or the map lacks what it needs.
     """
@@ -60,9 +57,6 @@ def keep(library: Library, slug: str, *, download: Download, blurring: str | Non
 
     Args:
         blurring: What was blurred before it was made, from `blurring_of`.
-
-    Returns:
-        Name of the file.
     """
     folder = _folder(library, slug)
     path = _kept_path(folder, download.name, blurring)

@@ -20,8 +20,7 @@ from webapp.progress import Progress
 from webapp.render.mercator import MercatorPicture, to_mercator
 from webapp.resources import resource_folder
 from webapp.settings import Settings
-from webapp.tasks.exchange.export_source import Download, Source
-from webapp.tasks.exchange.thumbnails import encode_picture, satellite_picture, thumbnail
+from webapp.tasks.exchange.export_source import Download, Source, encode_picture, satellite_picture, thumbnail
 from webapp.tasks.maps.walk import walk_of_map
 
 if TYPE_CHECKING:
@@ -93,12 +92,8 @@ _CSS_URL = re.compile(r"url\((images/[a-z0-9-]+\.png)\)")
 def export_map_page(source: Source, *, settings: Settings, progress: Progress | None = None) -> Download:
     """Return a map as a page: in Web Mercator if it has a georeference, else in pixels.
 
-    Args:
-        progress: One step per photo.
-
     Raises:
         UsageError: The map has too many photos for one page.
-        Cancelled
     """
     if len(source.map.experiences) > MAX_PHOTOS:
         raise UsageError(
@@ -142,7 +137,6 @@ def empty_page(crs: str, *, title: str) -> folium.Map:
 
     Args:
         crs: `EPSG3857` or `Simple`, as folium names them.
-        title: Any text.
     """
     import folium
 
@@ -291,5 +285,4 @@ def _inlined_css() -> bytes:
 
 
 def data_uri(media_type: str, data: bytes) -> str:
-    """Encode a file as a data URI."""
     return f"data:{media_type};base64,{base64.b64encode(data).decode('ascii')}"

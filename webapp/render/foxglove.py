@@ -29,8 +29,6 @@ _NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class FoxglovePoint:
-    """A position on the Earth."""
-
     latlon: LatLon
     colour: RGB
     # Variance east, variance north, covariance of the two; None if unknown.
@@ -46,10 +44,6 @@ class FoxgloveSink:
     Args:
         out: MCAP file to write; without it a server listens on `address`.
         address: Host and port; port 0 for any free one.
-
-    Raises:
-        MissingPart: The extra `foxglove` is not installed.
-        UsageError: The file exists, or the port is taken.
     """
 
     def __init__(self, *, out: Path | None = None, address: tuple[str, int] = ("127.0.0.1", 8765)) -> None:
@@ -100,10 +94,10 @@ class FoxgloveSink:
         """Port of the server; None for a file."""
         return None if self._server is None else self._server.port
 
-    def image(self, topic: str, data: bytes, *, time_s: float, form: str = "jpeg") -> None:
-        """Send an encoded picture of the format `form`."""
+    def image(self, topic: str, data: bytes, *, time_s: float) -> None:
+        """Send a picture, encoded as JPEG."""
         message = self._messages.CompressedImage(
-            timestamp=self._stamp(time_s), frame_id="camera", data=data, format=form
+            timestamp=self._stamp(time_s), frame_id="camera", data=data, format="jpeg"
         )
         self._log(self._kinds.CompressedImageChannel, topic, message, time_s=time_s)
 

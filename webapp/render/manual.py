@@ -58,25 +58,17 @@ _NOT_IN_ANCHOR = re.compile(r"[^\w\- ]")
 
 @dataclass(frozen=True, slots=True)
 class Chapter:
-    """A page of the manual."""
-
     name: str
     title: str
     html: str  # Without scripts; headings have the anchors that links within the documentation use
 
 
 def folder() -> Path:
-    """Return the folder of the documentation."""
     return resource_folder("docs")
 
 
 @functools.cache
 def chapter(name: str) -> Chapter:
-    """Render a chapter.
-
-    Raises:
-        NotFound: There is none of that name.
-    """
     if not any(name in names for names in CHAPTERS.values()):
         raise NotFound("the manual has no such chapter", hint="choose one from the list")
     parser = _parser()

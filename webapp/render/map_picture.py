@@ -324,7 +324,6 @@ def _target(panel: Canvas, centre: Point) -> None:
 
 
 def _outline(panel: Canvas, whole: MapView, close: MapView) -> None:
-    """Outline the detail on the whole map."""
     left, top = whole.shown(MapPixel(close.left, close.top))
     right, bottom = whole.shown(MapPixel(close.right, close.bottom))
     corners = [(left, top), (right, top), (right, bottom), (left, bottom)]

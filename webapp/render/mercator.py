@@ -16,8 +16,6 @@ _LIMIT_DEG = 85.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MercatorPicture:
-    """A picture in Web Mercator."""
-
     pixels: NDArray[np.uint8]  # (h, w, 4) uint8. Blue, green, red, opacity; transparent outside the image.
     # `south`, `west`, `north`, `east`: Degrees of its edges.
     south: float
@@ -35,7 +33,6 @@ def to_mercator(
 
     Args:
         picture: (h, w, 3) uint8. Blue, green, red; perhaps scaled down.
-        size: Width and height of the satellite image itself, pixels.
 
     Returns:
         With about as many pixels. None if a part of the image has no position, or one beyond 85 degrees.

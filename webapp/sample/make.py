@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from webapp.core.geo.corners import Corners, from_corners
+from webapp.core.geo.fit import Corners, from_corners
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import EnuMetres, LatLon, MapPixel
 from webapp.core.mapmodel.model import Experience, Map, SatelliteImage
@@ -24,10 +24,9 @@ from webapp.files.maps.folder import write_map
 from webapp.files.photos.exif_write import CameraTags, exif_bytes
 from webapp.progress import Progress
 from webapp.sample.scene.camera import CameraView, map_views, query_views
-from webapp.sample.scene.light import AFTERNOON, AUTUMN, EVENING, OVERCAST, Light
 from webapp.sample.scene.plan import DEPTH_M, WIDTH_M
 from webapp.sample.scene.render import overhead, render
-from webapp.sample.scene.stage import Stage, set_stage
+from webapp.sample.scene.stage import AFTERNOON, AUTUMN, EVENING, OVERCAST, Light, Stage, set_stage
 from webapp.sample.scene.world import World, build_world
 from webapp.settings import Settings
 
@@ -57,8 +56,6 @@ _DAYS: tuple[tuple[str, datetime, Light], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class SampleSize:
-    """Size of the sample."""
-
     photos: int = 60  # Number of photos of the map
     queries: int = 11  # Number of queries on the map; one more is from elsewhere
     width: int = 640  # Of a photo, pixels, a multiple of 4; the height is three quarters of it
@@ -70,8 +67,6 @@ FULL_SIZE = SampleSize()
 
 @dataclass(frozen=True, slots=True)
 class SampleReport:
-    """The result."""
-
     cfg_path: Path  # The map
     made: bool  # False if it existed already
 
@@ -91,14 +86,12 @@ def make_sample(
 
     Args:
         folder: None: `sample` in the library.
-        progress: One step per picture.
         seed: Random seed of the synthetic park; 0 or more.
         force: Make it again, also replacing a different sample.
 
     Raises:
         UsageError: The folder holds something else, or a different or damaged sample and `force` is not
             given.
-        StorageError: Writing failed; nothing was changed.
         Cancelled: Nothing was changed.
     """
     folder = settings.library / "sample" if folder is None else folder
@@ -177,15 +170,8 @@ class _Studio:
 def write_sample(folder: Path, *, seed: int, size: SampleSize, progress: Progress) -> dict[str, object]:
     """Write all files of the sample except its record.
 
-    Args:
-        folder: It is created.
-
     Returns:
         For the record: the `files`, relative to the folder, and the ground truth of the `queries`.
-
-    Raises:
-        OSError: Writing failed.
-        Cancelled
     """
     for name in ("photos", "queries"):
         (folder / name).mkdir(parents=True)

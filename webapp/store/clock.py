@@ -9,7 +9,6 @@ from sqlalchemy.types import TypeDecorator
 
 
 def now() -> datetime:
-    """Return the time, in UTC."""
     return datetime.now(UTC)
 
 
@@ -28,5 +27,4 @@ class UtcDateTime(TypeDecorator[datetime]):
         return value.astimezone(UTC).replace(tzinfo=None)
 
     def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:
-        """Restore the time zone."""
         return None if value is None else value.replace(tzinfo=UTC)

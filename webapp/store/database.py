@@ -32,7 +32,6 @@ class Database:
 
     Args:
         url: In the form of SQLAlchemy: `sqlite:////path/library.db` or `postgresql+psycopg://...`.
-        threads: Number of threads of this process that use it in parallel.
 
     Raises:
         UsageError: The address is malformed, or of a database that is not supported.
@@ -61,12 +60,7 @@ class Database:
 
     @contextmanager
     def read(self) -> Iterator[Session]:
-        """Yield a session that sees a consistent snapshot; its changes are discarded.
-
-        Raises:
-            NotFound: A record that the block gets by id no longer exists.
-            StorageError: The database cannot be read.
-        """
+        """Yield a session that sees a consistent snapshot; its changes are discarded."""
         with self.translated_errors(), Session(self._reading) as session:
             yield session
 
@@ -80,10 +74,6 @@ class Database:
         Args:
             locks_rows: Whether the block locks the rows on which its changes depend (`with_for_update`)
                 before it reads them. If the database supports that, such blocks do not wait for each other.
-
-        Raises:
-            NotFound: A record that the block gets by id no longer exists.
-            StorageError: The database cannot be written.
         """
         engine = self._together if locks_rows else self._alone
         with self._writer_lock, self.translated_errors(), Session(engine, expire_on_commit=False) as session:
@@ -95,9 +85,6 @@ class Database:
         """Block all other writers without a time limit, also in a database from which the records have moved.
 
         The changes of the block are committed together when it ends without an error.
-
-        Raises:
-            StorageError: The database cannot be written.
         """
         with self._writer_lock, self.translated_errors(), self._for_moves.begin() as connection:
             self.backend.unlimited(connection)
@@ -115,7 +102,6 @@ class Database:
         return self._listener.watch(topic, look_s=look_s)
 
     def close(self) -> None:
-        """Close all connections."""
         if self._listener is not None:
             self._listener.close()
         self.engine.dispose()

@@ -47,8 +47,6 @@ _WAIT_S = 120
 
 @dataclass(frozen=True, slots=True)
 class Library:
-    """The folder and the database of a library."""
-
     folder: Path  # Absolute; has one folder per map
     database: Database
 
@@ -59,7 +57,6 @@ class Library:
 
     @property
     def uploads(self) -> Path:
-        """Folder of incomplete uploads."""
         return self.inner / "uploads"
 
     def map_folder(self, slug: str) -> Path:
@@ -67,7 +64,6 @@ class Library:
         return self.folder / slug
 
     def cfg(self, slug: str) -> Path:
-        """Return the map file of a map."""
         return self.map_folder(slug) / "map.cfg"
 
     @contextmanager
@@ -78,10 +74,6 @@ class Library:
         the index if photos came onto the map or left it. The files of the map follow: the worker writes
         them within `settings.jobs.export_s` seconds, also after a restart; code that delivers them calls
         `tasks.maps.export.export_map` first.
-
-        Raises:
-            NotFound: The map does not exist.
-            StorageError: The database cannot be written; nothing has changed.
         """
         with self.database.write(locks_rows=True) as session, change_map(session, map_id) as change:
             yield change
@@ -96,7 +88,6 @@ def open_library(folder: Path, *, url: str | None = None, threads: int = THREADS
 
     Args:
         url: Of the database; by default it is a SQLite file in the folder.
-        threads: Number of threads of this process that use it in parallel.
 
     Raises:
         StorageError: The folder cannot be written, the database is damaged, was emptied or cannot be reached,
@@ -279,11 +270,7 @@ def newest_schema() -> str:
 
 
 def schema_version(database: Database) -> str | None:
-    """Return the schema version of a database; None if it has no tables.
-
-    Raises:
-        StorageError: The database cannot hold a library, or cannot be reached.
-    """
+    """Return the schema version of a database; None if it has no tables."""
     with (
         database.translated_errors(),
         database.engine.connect() as connection,

@@ -37,8 +37,6 @@ class ListCursor(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ListPart:
-    """Selects the records to list."""
-
     binned: bool = False  # Whether to list the records in the bin instead of those in use
     search: str = ""  # Only records with this text in their name, ignoring case and accents
     after: ListCursor | None = None  # Only records after it
@@ -57,5 +55,4 @@ def read_cursor(text: str) -> ListCursor:
 
 
 def last_changed_first(changed_at: Moments, id: Ids) -> tuple[ColumnElement[Any], ColumnElement[Any]]:
-    """Return the order of lists."""
     return changed_at.desc(), id.desc()

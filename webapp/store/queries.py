@@ -65,11 +65,7 @@ def keyed(session: Session, record: MapRecord, *, key: str | None, account_id: i
 def list_queries(
     session: Session, record: MapRecord, *, before: int | None = None, limit: int = 50
 ) -> list[QueryRecord]:
-    """List the answers of a map, newest first.
-
-    Args:
-        before: Only answers with a smaller id.
-    """
+    """List the answers of a map, newest first."""
     found = select(QueryRecord).where(QueryRecord.map_id == record.id)
     if before is not None:
         found = found.where(QueryRecord.id < before)
@@ -92,11 +88,7 @@ def answers(
     last: int | None = None,
     account_id: int | None = None,
 ) -> list[QueryRecord]:
-    """List the answers of a map between two ids, inclusive, oldest first; None leaves an end open.
-
-    Args:
-        account_id: Only answers to queries of this account.
-    """
+    """List the answers of a map between two ids, inclusive, oldest first; None leaves an end open."""
     found = select(QueryRecord).where(QueryRecord.map_id == record.id)
     if first is not None:
         found = found.where(QueryRecord.id >= first)
@@ -132,7 +124,6 @@ def adopted(session: Session, record: MapRecord) -> list[tuple[Photo, QueryRecor
 
 
 def names(session: Session, rows: list[QueryRecord]) -> dict[int, str]:
-    """Return the names of the accounts of some queries, by account id."""
     ids = {row.account_id for row in rows if row.account_id is not None}
     found = session.execute(select(Account.id, Account.name).where(Account.id.in_(ids)))
     return dict(found.all())

@@ -50,14 +50,7 @@ def create(
     query_id: int | None = None,
     public: bool = False,
 ) -> tuple[Share, str]:
-    """Share a map or one answer; also return the token, like `open_link`.
-
-    Args:
-        query_id: The answer; None for the map.
-
-    Raises:
-        NotFound: The map does not have this answer.
-    """
+    """Share a map or one answer; also return the token, like `open_link`."""
     if query_id is not None:
         queries.find(session, record, query_id)
     share = Share(map_id=record.id, query_id=query_id, account_id=account_id)
@@ -66,7 +59,6 @@ def create(
 
 
 def change(share: Share, allows: SharePermissions) -> None:
-    """Change what a share allows."""
     share.photos = allows.photos
     share.localize = allows.localize and share.query_id is None
     share.originals = allows.originals
@@ -115,7 +107,6 @@ def open_link(session: Session, share: ShareColumns, *, public: bool) -> str:
 
     Args:
         share: With its target and permissions; not yet in the session.
-        public: Whether it is publicly listed.
 
     Returns:
         The token, which is the end of its URL. For a secret share, only its hash is stored.
@@ -154,11 +145,7 @@ def revoke_of_removed_accounts(session: Session) -> int:
 
 
 def find_share(session: Session, kind: type[Kind], *, id: int, where: ColumnElement[bool]) -> Kind:
-    """Find a share of a kind by its id.
-
-    Raises:
-        NotFound: There is none, or it does not fulfil the condition.
-    """
+    """Find a share of a kind by its id."""
     share = session.scalars(select(kind).where(kind.id == id, where)).first()
     if share is None:
         raise NotFound("link not found", hint="it may have been revoked: reload the page")

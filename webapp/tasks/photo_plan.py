@@ -26,7 +26,7 @@ from webapp.core.mapmodel.recognition import (
 )
 from webapp.errors import StorageError, UsageError
 from webapp.files.atomic import make_folder, write_text
-from webapp.files.exchange.walk import WalkPoint
+from webapp.files.exchange.gpx import WalkPoint
 from webapp.files.listing import DERIVED
 from webapp.settings import Settings
 from webapp.store.library import Library
@@ -59,16 +59,12 @@ class PhotoTrial(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MapTrials:
-    """Trials of a map's photos."""
-
     source: TrialSource
     by_photo: Mapping[int, PhotoTrial]  # Trials by photo id
 
 
 @dataclass(frozen=True, slots=True)
 class PlanRequest:
-    """Options of a plan."""
-
     spots: int = 12
     area: Rectangle | None = None  # Area of the image, pixels; None plans where there are photos
 
@@ -144,11 +140,7 @@ def trials_of(map_: Map, cfg: Path) -> MapTrials:
 
 
 def trials_from_evaluation(map_: Map, schemes: Iterable[Mapping[str, Any]]) -> MapTrials:
-    """Return the trials in the output of `expmap evaluate --self --json`, of photos not moved since.
-
-    Raises:
-        KeyError, TypeError: It has another format.
-    """
+    """Return the trials in the output of `expmap evaluate --self --json`, of photos not moved since."""
     every = list(schemes)
     chosen = [one for one in every if one["scheme"] == "leave-one-out"] or every
     by_path = {e.photo: e for e in map_.experiences}
@@ -271,8 +263,6 @@ def _path(cfg: Path) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class PlanWords:
-    """The words of one language."""
-
     directions: tuple[str, ...]  # From north clockwise
     reasons: Mapping[Reason, str]
     look: str  # Template with `{directions}`
@@ -304,11 +294,6 @@ def directions_of(spot: Mapping[str, Any], words: PlanWords = ENGLISH) -> str:
 
 
 def walk_of(plan: Mapping[str, Any], words: PlanWords = ENGLISH) -> list[WalkPoint]:
-    """Convert a plan from `plan_json` to a walk.
-
-    Raises:
-        UsageError: The map has no georeference.
-    """
     spots = plan["spots"]
     if any(spot["lat"] is None for spot in spots):
         raise UsageError(

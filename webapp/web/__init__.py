@@ -58,14 +58,7 @@ class IdConverter(IntegerConverter):
 
 
 def make_app(settings: Settings, parts: Parts, *, library: Library | None = None) -> APIFlask:
-    """Make the application from its parts (listed in `webapp.app.web`).
-
-    Args:
-        library: An open library; by default that of the settings is opened.
-
-    Raises:
-        StorageError: The library cannot be opened.
-    """
+    """Make the application from its parts (listed in `webapp.app.web`)."""
     library = library or open_library(settings.library, url=settings.database, threads=settings.serve.threads)
     open_storage(library, settings)
     app = openapi.Application(

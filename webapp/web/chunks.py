@@ -31,7 +31,6 @@ OPERATION: dict[str, Any] = {
 
 
 def chunk_bytes() -> int:
-    """Return the size of the largest chunk."""
     return int(settings().upload.chunk_mb * 1e6)
 
 

@@ -24,12 +24,10 @@ _TEXT = frozenset(
 
 
 def init_app(app: Flask) -> None:
-    """Register the compression of responses."""
     app.after_request(_compress)
 
 
 def accepts_gzip() -> bool:
-    """Return whether the client accepts gzip."""
     return request.accept_encodings.quality("gzip") > 0
 
 

@@ -23,7 +23,6 @@ class ConcurrencyLimit:
     """Limits one kind of request to a share of the threads, so that threads are left for others.
 
     Args:
-        name: Name of the kind of request.
         share: Share of the threads of a process, 0 to 1.
     """
 
@@ -36,7 +35,6 @@ class ConcurrencyLimit:
         self.init_app(setup.app)
 
     def init_app(self, app: App) -> None:
-        """Make the semaphore of an application."""
         state = cast(AppState, app.extensions[KEY])
         most = max(1, int(state.settings.serve.threads * self._share))
         app.extensions.setdefault(_EXTENSION, {})[self._name] = threading.BoundedSemaphore(most)
@@ -46,11 +44,7 @@ class ConcurrencyLimit:
         return cast(threading.BoundedSemaphore, current_app.extensions[_EXTENSION][self._name])
 
     def acquire(self) -> threading.BoundedSemaphore:
-        """Take a permit; returns the semaphore, which the caller has to release.
-
-        Raises:
-            Busy: No permit is free.
-        """
+        """Take a permit; returns the semaphore, which the caller has to release."""
         free = self.semaphore()
         if not free.acquire(blocking=False):
             raise Busy("the server is busy", wait_s=_WAIT_S, hint="try again in a moment")
@@ -58,11 +52,7 @@ class ConcurrencyLimit:
 
     @contextmanager
     def slot(self) -> Iterator[None]:
-        """Hold a permit within the block.
-
-        Raises:
-            Busy: No permit is free.
-        """
+        """Hold a permit within the block."""
         free = self.acquire()
         try:
             yield

@@ -69,11 +69,7 @@ def reading_map(
 
 
 def if_match() -> int | None:
-    """Return the latest revision that the caller knows, from the header `If-Match`; ETag quotes are allowed.
-
-    Raises:
-        UsageError: The header is not a revision.
-    """
+    """Return the latest revision the caller knows, from the header `If-Match`; ETag quotes are allowed."""
     text = request.headers.get("If-Match")
     if text is None:
         return None
@@ -124,7 +120,6 @@ def map_role(role: Role) -> Callable[[View], View]:
 
 
 def checked_right(view: Callable[..., Any]) -> Callable[..., object] | None:
-    """Return the check of a view that `authorized_by` has set."""
     found: Callable[..., object] | None = getattr(view, _RIGHT, None)
     return found
 

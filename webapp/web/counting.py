@@ -50,7 +50,6 @@ class CountingStorage(Storage):
             return count + amount
 
     def get(self, key: str) -> int:
-        """Return the number of requests in the window."""
         count, end = self._counts.get(key, (0, 0.0))
         return count if end > time.monotonic() else 0
 
@@ -60,7 +59,6 @@ class CountingStorage(Storage):
         return time.time() + max(end - time.monotonic(), 0.0)
 
     def check(self) -> bool:
-        """Return whether the storage works."""
         return True
 
     def reset(self) -> int:
@@ -71,7 +69,6 @@ class CountingStorage(Storage):
             return count
 
     def clear(self, key: str) -> None:
-        """Delete a counter."""
         with self._turn:
             self._counts.pop(key, None)
 
@@ -108,7 +105,6 @@ class SharedCounting(Storage):
         return self._own.incr(key, expiry, amount=amount) if hits is None else hits
 
     def get(self, key: str) -> int:
-        """Return the number of requests in the window."""
         if self._counts_alone:
             return self._own.get(key)
         with self._database.translated_errors():
@@ -122,7 +118,6 @@ class SharedCounting(Storage):
             return time.time() + self._counts.count_of(key)[1]
 
     def check(self) -> bool:
-        """Return whether the database responds."""
         try:
             self.get("")
         except StorageError:
@@ -135,7 +130,6 @@ class SharedCounting(Storage):
             return self._counts.forget()
 
     def clear(self, key: str) -> None:
-        """Delete a counter."""
         with self._database.translated_errors():
             self._counts.forget(key)
 

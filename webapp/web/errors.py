@@ -87,7 +87,6 @@ def extra_headers(error: ExpMapError) -> dict[str, str]:
 
 
 def init_app(app: Flask) -> None:
-    """Register the handlers of errors."""
     app.register_error_handler(ExpMapError, _own)
     app.register_error_handler(HTTPError, _of_apiflask)
     app.register_error_handler(CSRFError, _csrf)

@@ -18,12 +18,13 @@ from typing import Any, cast
 from apiflask import Schema, fields
 from apiflask.schema_adapters.marshmallow import parser
 from apiflask.validators import Length, OneOf
-from flask import Flask, Request
+from flask import Flask, Request, request
 from werkzeug.exceptions import RequestEntityTooLarge
 
 from webapp.errors import MapJsonError, UsageError
 from webapp.files.json_fields import parse_json
 from webapp.web.fields import BoundedDict, BoundedList, JsonValue
+from webapp.web.state import settings
 
 _MOST_BYTES, _MOST_VALUES = 16_000_000, 1_000_000
 """Limits of every route, however much its schema allows."""
@@ -68,10 +69,7 @@ def init_app(_app: Flask) -> None:
 
 
 def read_json(request: Request, schema: Schema) -> Any:
-    """Read the body of a request within the limits of its schema.
-
-    Returns:
-        The parsed JSON; an empty object if the request has none.
+    """Read the body of a request within the limits of its schema; an empty object if there is none.
 
     Raises:
         RequestEntityTooLarge: There are too many bytes or values.
@@ -108,7 +106,6 @@ def _check(data: bytes, limits: BodyLimits) -> None:
 
 @cache
 def limits_of(schema: Schema) -> BodyLimits:
-    """Return the limits of the JSON that a schema accepts."""
     whole = _of_schema(schema) + BodyLimits(_SPARE_BYTES, _SPARE_VALUES)
     return BodyLimits(min(whole.bytes, _MOST_BYTES), min(whole.values, _MOST_VALUES))
 
@@ -139,14 +136,27 @@ def _of_field(field: fields.Field[Any]) -> BodyLimits:
 
 
 def longest(validators: Sequence[Any]) -> int:
-    """Return the maximum length of a text that passes validators.
-
-    Raises:
-        TypeError: There is none.
-    """
+    """Return the maximum length of a text that passes validators."""
     for validator in validators:
         if isinstance(validator, OneOf):
             return max(len(str(choice)) for choice in validator.choices)
         if isinstance(validator, Length) and (most := validator.equal or validator.max) is not None:
             return most
     raise TypeError("a text has no maximum length")
+
+
+_OTHER_BYTES = 100_000
+"""Allowance for the other fields of a form."""
+_GEOREFERENCE_BYTES = 1_000_000
+"""Allowance for the fields of a form other than an image: its georeference."""
+
+
+def limit_photo(photos: int = 1) -> None:
+    """Limit the request to a form with this many photos."""
+    request.max_content_length = int(settings().photo.max_mb * 1e6 * photos) + _OTHER_BYTES
+
+
+def limit_image() -> None:
+    """Limit the request to a form with a satellite image or a plan."""
+    if request.method in ("POST", "PUT"):
+        request.max_content_length = int(settings().satellite.max_mb * 1e6) + _GEOREFERENCE_BYTES

@@ -31,7 +31,6 @@ LANGUAGES = {code: _own_name(code) for code in ("en", *_TRANSLATED)}
 
 
 def init_app(app: Flask) -> None:
-    """Connect Flask-Babel."""
     Babel(app, locale_selector=_choose, default_translation_directories=str(TRANSLATIONS))
 
 
@@ -73,7 +72,6 @@ def _plain_note(note: str) -> str:
 
 
 def translate_job(job: dict[str, Any]) -> dict[str, Any]:
-    """Translate the note and the error of a job."""
     error = job["error"]
     if error:
         error = error | {part: translate(error[part]) for part in ("message", "hint") if error.get(part)}

@@ -220,7 +220,6 @@ def _complete(app: Flask, document: dict[str, Any]) -> dict[str, Any]:
 
 
 def _operations(app: Flask, document: dict[str, Any]) -> Iterator[tuple[Rule, dict[str, Any]]]:
-    """Yield each operation of the document with its URL rule."""
     for rule in app.url_map.iter_rules():
         path = _PART.sub(r"{\g<name>}", rule.rule)
         for method in rule.methods or ():
@@ -255,7 +254,6 @@ def _needs_body(body: dict[str, Any], document: dict[str, Any]) -> bool:
 
 
 def _add_errors(components: dict[str, Any]) -> None:
-    """Add the error responses."""
     content = {"application/json": {"schema": {"$ref": "#/components/schemas/Error"}}}
     components["schemas"]["Error"] = _ERROR
     components["responses"] = {
@@ -264,7 +262,6 @@ def _add_errors(components: dict[str, Any]) -> None:
 
 
 def _statuses(operation: dict[str, Any], *, changes: bool) -> list[int]:
-    """List the error statuses of an operation."""
     places = {parameter["in"] for parameter in operation["parameters"]}
     found = {*_ALWAYS}
     found.update(_OF_PATH if "path" in places else ())

@@ -27,7 +27,6 @@ _ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
 def init_app(app: Flask) -> None:
-    """Register the log of requests."""
     app.before_request(_begin)
     app.after_request(_end)
     app.teardown_request(_leave)

@@ -11,7 +11,7 @@ from typing import cast
 from flask import Response, send_file
 
 from webapp.files.decode import IMAGE_FORMATS
-from webapp.files.photos.preview import Kind
+from webapp.files.photos.photo import Kind
 from webapp.tasks.exchange.export_source import Download
 from webapp.tasks.maps import pictures
 from webapp.tasks.maps.pictures import Audience, PhotoFile

@@ -43,17 +43,14 @@ class AppState:
 
 
 def library() -> Library:
-    """Return the library of this application."""
     return _state().library
 
 
 def settings() -> Settings:
-    """Return the settings of this application."""
     return _state().settings
 
 
 def parts() -> Parts:
-    """Return the parts of this application."""
     return _state().parts
 
 

@@ -87,7 +87,6 @@ def sheet_bundle(sheets: Sequence[str] = (), *, leaflet: bool = False) -> str:
     Args:
         sheets: Sheets of the page, relative to `static/css/`, without `.css`; those of every page precede
             them.
-        leaflet: Whether the page has a Leaflet map.
     """
     library = ["vendor/leaflet/leaflet"] if leaflet else []
     common, own = ([f"css/{name}" for name in some] for some in (_EVERY_SHEET, sheets))
@@ -116,7 +115,6 @@ def _add_version(endpoint: str, values: dict[str, Any]) -> None:
 
 @public
 def _file(version: str, filename: str) -> Response:
-    """Send a static file."""
     mime = mimetypes.guess_type(filename)[0]
     if filename not in files() or not is_text(mime) or not accepts_gzip():
         return _kept(send_from_directory(_present().folder, filename), version)
@@ -223,7 +221,6 @@ def bundle_scripts(folder: Path, names: Iterable[str]) -> str:
     """Bundle modules and all their imports into one module, in the order of their execution.
 
     Args:
-        folder: Folder of the static files.
         names: Paths of modules relative to it.
 
     Raises:
@@ -244,7 +241,6 @@ def bundle_sheets(folder: Path, names: Iterable[str], *, base: str) -> str:
     """Bundle style sheets into one.
 
     Args:
-        folder: Folder of the static files.
         names: Paths of style sheets relative to it.
         base: URL of that folder, for the images that they refer to.
     """

@@ -3,8 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from webapp.core.evaluation.summary import row, summarise
-from webapp.core.evaluation.types import QueryResult
+from webapp.core.evaluation.metrics import QueryResult, row, summarise
 from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.estimate import NoPose
 from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from webapp.core.features.detail import lacks_fine_detail
+from webapp.core.features.blank import lacks_fine_detail
 
 
 @pytest.fixture(scope="module")

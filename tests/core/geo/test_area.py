@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from webapp.core.geo.area import area_around
 from webapp.core.geo.local import LocalFrame
+from webapp.core.geo.tilegrid import area_around
 from webapp.core.geo.types import LatLon
 
 LUND = LatLon(55.7055, 13.1930)

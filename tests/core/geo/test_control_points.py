@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from webapp.core.geo.controlpoints import NEEDED, ControlPoint, from_control_points
+from webapp.core.geo.fit import NEEDED, ControlPoint, from_control_points
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon, MapPixel

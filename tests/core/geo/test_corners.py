@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pyproj import Geod
 
-from webapp.core.geo.corners import Corners, from_corners
+from webapp.core.geo.fit import Corners, from_corners
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import GeoreferenceError
 from webapp.files.decode import image_size

@@ -7,8 +7,7 @@ from tests.core.landmarks.scene import known_at, level_cameras, random_rotation
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
-from webapp.core.landmarks.cloud import LandmarkCloud
-from webapp.core.landmarks.map_cloud import CloudFrame, align_cloud
+from webapp.core.landmarks.cloud import CloudFrame, LandmarkCloud, align_cloud
 from webapp.core.landmarks.placing import NotAligned, align_submodel
 from webapp.core.landmarks.submodels import Submodel
 

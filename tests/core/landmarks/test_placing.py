@@ -5,8 +5,7 @@ import pytest
 
 from benchmarks.placing_simulations import PX_PER_M, model_of
 from tests.core.landmarks.scene import known_at, submodel_of
-from webapp.core.landmarks.placing import align_submodel
-from webapp.core.landmarks.proposals import propose_next
+from webapp.core.landmarks.placing import align_submodel, propose_next
 
 
 @pytest.fixture

@@ -1,6 +1,6 @@
 import numpy as np
 
-from webapp.core.landmarks.rigid_parts import rigid_parts
+from webapp.core.landmarks.submodels import rigid_parts
 
 
 def shared_by_neighbours(*counts):

@@ -8,7 +8,7 @@ import pytest
 from webapp.core.features.types import Features
 from webapp.core.localize.verified import find_places
 from webapp.core.retrieval.engines.bruteforce import BruteForce
-from webapp.core.retrieval.engines.segment import Segment
+from webapp.core.retrieval.engines.types import Segment
 from webapp.core.retrieval.indexed import IndexedMap
 from webapp.core.retrieval.retrieve import ShortlistedPhoto, rematch_with_network
 

@@ -5,7 +5,7 @@ import numpy as np
 from webapp.core.features.types import Features
 from webapp.core.localize.verified import find_places
 from webapp.core.retrieval.engines.bruteforce import BruteForce
-from webapp.core.retrieval.engines.segment import Segment
+from webapp.core.retrieval.engines.types import Segment
 from webapp.core.retrieval.indexed import IndexedMap
 
 KEYPOINTS, COPIES, WIDTH = 40, 3, 32

@@ -9,8 +9,7 @@ from webapp.core.features.types import Features
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.model import Answer
 from webapp.core.localize import vote
-from webapp.core.retrieval.engines.segment import Segment
-from webapp.core.retrieval.engines.types import Neighbours
+from webapp.core.retrieval.engines.types import Neighbours, Segment
 from webapp.core.retrieval.indexed import IndexedMap
 
 ROWS_PER_PHOTO = 10

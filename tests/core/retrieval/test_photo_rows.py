@@ -3,7 +3,7 @@
 import numpy as np
 
 from webapp.core.retrieval.engines.bruteforce import BruteForce
-from webapp.core.retrieval.engines.segment import Segment
+from webapp.core.retrieval.engines.types import Segment
 from webapp.core.retrieval.indexed import IndexedMap, candidates
 from webapp.core.retrieval.retrieve import shortlist, weighted_votes
 

@@ -5,9 +5,8 @@ import pytest
 
 from webapp.core.retrieval.engines import twostage, vlad
 from webapp.core.retrieval.engines.bruteforce import BruteForce
-from webapp.core.retrieval.engines.segment import Segment
 from webapp.core.retrieval.engines.twostage import TwoStage
-from webapp.core.retrieval.engines.types import bytes_in_memory, tier_for
+from webapp.core.retrieval.engines.types import Segment, bytes_in_memory, tier_for
 from webapp.core.retrieval.indexed import IndexedMap, candidates
 
 WIDTH = 32

@@ -9,7 +9,7 @@ from webapp.core.features.types import Features
 from webapp.core.localize.evidence import Spots, similarity_around
 from webapp.core.localize.verified import find_places
 from webapp.core.retrieval.engines.bruteforce import BruteForce
-from webapp.core.retrieval.engines.segment import Segment
+from webapp.core.retrieval.engines.types import Segment
 from webapp.core.retrieval.global_descriptors import GlobalDescriptors
 from webapp.core.retrieval.indexed import IndexedMap
 from webapp.core.retrieval.retrieve import fused_ranking, with_similar

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from webapp.core.retrieval import indexed as module
 from webapp.core.retrieval.engines.bruteforce import BruteForce
-from webapp.core.retrieval.engines.segment import Segment
+from webapp.core.retrieval.engines.types import Segment
 from webapp.core.retrieval.indexed import IndexedMap, candidates
 
 

@@ -7,8 +7,7 @@ import zipfile
 import pytest
 
 from webapp.errors import InputError
-from webapp.files.exchange.map_zip import is_quick, unpack
-from webapp.files.exchange.zip_names import names_of
+from webapp.files.exchange.map_zip import is_quick, names_of, unpack
 from webapp.progress import Progress
 from webapp.settings import ImportLimits
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from webapp.files.landmarks.points import (
+from webapp.files.landmarks.cloud import (
     MapPoints,
     as_ply,
     read_colours,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from webapp.core.features.types import Features
-from webapp.core.retrieval.engines.segment import PhotoEntry
+from webapp.core.retrieval.engines.types import PhotoEntry
 from webapp.errors import IndexDamaged
 from webapp.files.localize.arrays import read_arrays, write_arrays
 from webapp.files.localize.features import read_segment, write_segment

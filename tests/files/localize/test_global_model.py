@@ -8,8 +8,8 @@ import pytest
 from tests.standin_models import passed_on, tiny_image
 from webapp.errors import InputError
 from webapp.files.localize import global_vectors
-from webapp.files.localize.global_model import global_descriptor, problem, usable_global_descriptor
 from webapp.files.localize.global_vectors import StoredVectors
+from webapp.files.localize.models import global_descriptor, global_model_problem, usable_global_descriptor
 
 
 @pytest.fixture
@@ -28,7 +28,7 @@ def supply(tmp_path):
 
 def test_without_a_model_there_is_none_and_nothing_is_wrong(tmp_path):
     assert global_descriptor(tmp_path) is None
-    assert problem(tmp_path) == ""
+    assert global_model_problem(tmp_path) == ""
 
 
 def test_the_json_beside_it_states_size_and_normalisation(supply):
@@ -65,16 +65,14 @@ def test_it_is_opened_once_until_its_files_change(supply):
 )
 def test_what_is_wrong_is_one_sentence(supply, model, form, sentence):
     folder = supply(model, form)
-    assert problem(folder).startswith(sentence)
-    assert "\n" not in problem(folder) and str(folder) not in problem(folder)
+    assert global_model_problem(folder).startswith(sentence)
+    assert "\n" not in global_model_problem(folder) and str(folder) not in global_model_problem(folder)
 
 
 def test_a_model_that_cannot_be_opened_is_not_read_again(supply, monkeypatch):
     folder = supply(b"no model")
     assert usable_global_descriptor(folder) is None
-    monkeypatch.setattr(
-        "webapp.files.localize.global_model.read_model", lambda path: pytest.fail("read again")
-    )
+    monkeypatch.setattr("webapp.files.localize.models.read_model", lambda path: pytest.fail("read again"))
     assert usable_global_descriptor(folder) is None
     with pytest.raises(InputError):
         global_descriptor(folder)

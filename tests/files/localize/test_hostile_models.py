@@ -8,8 +8,7 @@ import pytest
 
 from tests.onnx_writer import FLOAT, INT64, Writer, field
 from webapp.errors import InputError
-from webapp.files.localize.global_model import global_descriptor, problem
-from webapp.files.localize.models import network
+from webapp.files.localize.models import global_descriptor, global_model_problem, network
 
 STRING = 8
 OUTSIDE = "its weights are in another file, which is not read"
@@ -73,7 +72,7 @@ def test_a_model_that_is_not_what_it_says_is_one_line(tmp_path, monkeypatch, nam
     data, message = MODELS[name]
     (folder / "global.onnx").write_bytes(data)
     tracemalloc.start()
-    found = problem(folder)
+    found = global_model_problem(folder)
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert found.startswith("global.onnx: ") and message in found, found
@@ -84,7 +83,7 @@ def test_a_model_that_is_not_what_it_says_is_one_line(tmp_path, monkeypatch, nam
 def test_the_same_model_with_its_weights_inside_is_used(tmp_path):
     weights = np.arange(12, dtype=np.float32).reshape(3, 4)
     (tmp_path / "global.onnx").write_bytes(_using(_tensor(dims=(3, 4), raw=weights.tobytes())))
-    assert problem(tmp_path) == ""
+    assert global_model_problem(tmp_path) == ""
     assert global_descriptor(tmp_path).describe(np.full((8, 8, 3), 9, np.uint8)).shape == (4,)
 
 
@@ -93,6 +92,6 @@ def test_a_file_larger_than_any_model_is_not_read(tmp_path):
         with (tmp_path / name).open("wb") as file:
             os.truncate(file.fileno(), 10_000_000_000)  # sparse
     said = "it has more than 2.1 GB, so it is not an ONNX file"
-    assert problem(tmp_path) == f"global.onnx: {said}"
+    assert global_model_problem(tmp_path) == f"global.onnx: {said}"
     with pytest.raises(InputError, match=said):
         network("disk", tmp_path)

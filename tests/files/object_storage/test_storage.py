@@ -14,7 +14,7 @@ from webapp.files.contents import connect
 from webapp.files.listing import list_photos
 from webapp.files.object_storage import storage
 from webapp.files.object_storage.bucket import Bucket
-from webapp.files.object_storage.pointer import Pointer, pointed_path, pointer_path, read_pointer
+from webapp.files.object_storage.cache import Pointer, pointed_path, pointer_path, read_pointer
 from webapp.settings import Settings
 
 

@@ -17,7 +17,7 @@ from PIL.JpegImagePlugin import JpegImageFile
 from tests.photo_files import progressive_jpeg
 from webapp.errors import PhotoError
 from webapp.files.decode import contrast_note, decode, has_too_many_scans, open_image
-from webapp.files.photos.exif_gps import Gps
+from webapp.files.photos.exif import Gps
 from webapp.files.photos.photo import read_facts, read_gray, read_upright, turn_upright
 from webapp.settings import PhotoLimits
 

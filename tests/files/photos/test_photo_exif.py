@@ -9,8 +9,20 @@ import pytest
 from PIL import Image
 
 from webapp.errors import PhotoError
-from webapp.files.photos.exif import Exif, number, orientation, read_fov, read_time, text
-from webapp.files.photos.exif_gps import METRES_PER_DOP, Gps, Heading, NoGps, read_gps, read_heading
+from webapp.files.photos.exif import (
+    METRES_PER_DOP,
+    Exif,
+    Gps,
+    Heading,
+    NoGps,
+    number,
+    orientation,
+    read_fov,
+    read_gps,
+    read_heading,
+    read_time,
+    text,
+)
 from webapp.files.photos.photo import read_facts
 from webapp.settings import PhotoLimits
 

@@ -11,8 +11,8 @@ from PIL import Image, PngImagePlugin
 
 from webapp.core.geo.types import LatLon
 from webapp.files.decode import open_image
-from webapp.files.photos.exif_gps import Gps, NoGps
-from webapp.files.photos.geotags import Geotag, format_xmp
+from webapp.files.photos.exif import Gps, NoGps
+from webapp.files.photos.exif_write import Geotag, format_xmp
 from webapp.files.photos.photo import read_facts
 from webapp.files.photos.sidecars import Sidecar, Sidecars, choose, with_sidecars
 from webapp.files.photos.xmp import MAX_BYTES, parse_xmp

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from webapp.errors import InputError, MapJsonError
-from webapp.files.photos.rig import MountedCamera, photos_by_instant, read_rig
+from webapp.files.photos.panorama import MountedCamera, photos_by_instant, read_rig
 
 
 def rig(tmp_path, *cameras, **top):

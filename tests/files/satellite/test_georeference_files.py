@@ -8,9 +8,8 @@ import rasterio
 from pyproj import CRS, Transformer
 from rasterio.control import GroundControlPoint
 
-from webapp.core.geo.controlpoints import ControlPoint
-from webapp.core.geo.corners import Corners
 from webapp.core.geo.crs import parse_crs
+from webapp.core.geo.fit import ControlPoint, Corners
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import GeoreferenceError, TableError
 from webapp.files.satellite.georeference_files import (

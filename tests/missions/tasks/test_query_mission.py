@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from webapp.errors import UsageError
 from webapp.missions.store import query
 from webapp.missions.store.query import Question, parse_question
-from webapp.missions.tasks import query as query_mission
+from webapp.missions.tasks.export import query_mission
 
 
 @pytest.fixture
@@ -21,9 +21,7 @@ def ask(library):
     """Query a mission, and return the parsed answer."""
 
     def ask(mission, table="objects", form="json", **question):
-        pieces = query_mission.query_mission(
-            library, mission, question=Question(table, **question), form=form
-        ).pieces
+        pieces = query_mission(library, mission, question=Question(table, **question), form=form).pieces
         text = b"".join(pieces).decode()
         return json.loads(text) if form == "json" else list(csv.reader(io.StringIO(text)))
 
@@ -113,9 +111,7 @@ def test_what_takes_too_long_is_stopped(ask, new_mission, monkeypatch):
 
 def test_a_client_that_reads_slowly_holds_nothing(library, new_mission):
     mission = new_mission(3000)
-    pieces = query_mission.query_mission(
-        library, mission, question=Question("poses", limit=3000), form="json"
-    ).pieces
+    pieces = query_mission(library, mission, question=Question("poses", limit=3000), form="json").pieces
     next(pieces)
     assert library.database.engine.pool.checkedout() == 0
     pieces.close()

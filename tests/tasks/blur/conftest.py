@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tests.standin_models import install_blur_networks
-from webapp.files.localize.blur_networks import blur_networks
+from webapp.files.localize.models import blur_networks
 
 
 @pytest.fixture

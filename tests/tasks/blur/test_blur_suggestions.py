@@ -11,13 +11,12 @@ from tests.standin_models import install_blur_networks
 from webapp.core.boxes import BlurBox
 from webapp.core.detections import Detection, LpdYuNet
 from webapp.errors import Cancelled, MissingPart
-from webapp.files.localize.blur_networks import blur_networks
+from webapp.files.localize.models import blur_networks
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.blur import find
-from webapp.tasks.blur.accept import accept_in_folder
-from webapp.tasks.blur.find import DetectionCache, photos_of, search_photos
+from webapp.tasks.blur.find import DetectionCache, accept_in_folder, photos_of, search_photos
 
 LIMITS = Settings().photo
 ROOT = Path(__file__).resolve().parents[3]
@@ -122,7 +121,7 @@ import operator, os, signal
 from pathlib import Path
 from tests.standin_models import install_blur_networks
 from webapp.core.detections import LpdYuNet
-from webapp.files.localize.blur_networks import blur_networks
+from webapp.files.localize.models import blur_networks
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.blur.find import photos_of, search_photos

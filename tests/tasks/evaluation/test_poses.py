@@ -2,11 +2,11 @@ import math
 
 import pytest
 
-from webapp.core.evaluation.types import QueryResult
+from webapp.core.evaluation.metrics import QueryResult
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Map, SatelliteImage
-from webapp.tasks.evaluation.poses import trajectories
+from webapp.tasks.evaluation.evaluate import trajectories
 
 RESULTS = [
     QueryResult("a.jpg", MapPixel(60, 40), None, "broken", truth_heading_deg=0.0),

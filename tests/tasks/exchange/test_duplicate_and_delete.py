@@ -6,7 +6,7 @@ from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick
 from webapp.errors import Conflict, UsageError
 from webapp.files.maps.folder import read_map
-from webapp.files.photos import preview
+from webapp.files.photos import photo
 from webapp.settings import Settings
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
@@ -57,12 +57,12 @@ def test_a_copy_has_no_files_of_what_its_map_has_not_any_more(adopt, library, ed
     folder = library.map_folder("park")
     (folder / "satellite-0123abcd.png").write_bytes(b"an earlier image")
     for id in (1, 2):
-        preview.write_previews(preview.previews_folder(folder), str(id), previews={"thumb": b"small"})
+        photo.write_previews(photo.previews_folder(folder), str(id), previews={"thumb": b"small"})
     edit(map_id, {"photo/2": {"removed": True}})
     slug = duplicate_map.duplicate_map(library, map_id, account_id=owner, name="Copy")
     copied = library.map_folder(slug)
     assert not (copied / "satellite-0123abcd.png").exists()
-    assert [preview.preview_path(copied, id, kind="thumb").exists() for id in (1, 2)] == [True, False]
+    assert [photo.preview_path(copied, id, kind="thumb").exists() for id in (1, 2)] == [True, False]
     found = findings.list_findings(library, id_of(slug), settings=Settings())
     assert [problem for problem in found if problem.code == "orphan-photo"] == []
 

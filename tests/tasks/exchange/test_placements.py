@@ -9,7 +9,7 @@ from webapp.errors import MapError, NotFound, UsageError
 from webapp.files.maps.folder import read_map
 from webapp.store.maps import edits
 from webapp.store.schema import MapRecord
-from webapp.tasks.maps import export, placements
+from webapp.tasks.maps import edit_map, export
 
 
 @pytest.fixture
@@ -17,7 +17,7 @@ def put(library, owner, adopt):
     map_id = adopt()
 
     def run(name, **wanted):
-        placements.put(library, map_id, name=name, account_id=owner, **wanted)
+        edit_map.put_placement(library, map_id, name=name, account_id=owner, **wanted)
         export.export_map(library, map_id)
         return {p.name: dict(p.positions) for p in read_map(library.cfg("park")).placements}
 
@@ -44,12 +44,12 @@ def test_replaced_as_a_whole_and_undone(put, library, owner):
 
 def test_deleted(put, library, owner):
     put("rough")
-    placements.delete(library, put.map_id, name="rough", account_id=owner)
+    edit_map.delete_placement(library, put.map_id, name="rough", account_id=owner)
     export.export_map(library, put.map_id)
     assert read_map(library.cfg("park")).placements == ()
     assert not (library.map_folder("park") / "rough.cfg").exists()
     with pytest.raises(NotFound):
-        placements.delete(library, put.map_id, name="rough", account_id=owner)
+        edit_map.delete_placement(library, put.map_id, name="rough", account_id=owner)
 
 
 @pytest.mark.parametrize("name", ["map", "MAP", "Rough"])
@@ -83,4 +83,4 @@ def test_a_map_without_places(library, owner):
         record = MapRecord(slug="empty", name="Empty")
         session.add(record)
     with pytest.raises(UsageError, match="no photo is placed"):
-        placements.put(library, record.id, name="x", account_id=owner)
+        edit_map.put_placement(library, record.id, name="x", account_id=owner)

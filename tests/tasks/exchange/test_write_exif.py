@@ -15,9 +15,8 @@ from webapp.core.geo.types import LatLon
 from webapp.errors import PhotoError, UsageError
 from webapp.files.maps.folder import read_map, write_map
 from webapp.files.maps.positions import read_positions
-from webapp.files.photos.exif_gps import Gps, Heading
-from webapp.files.photos.exif_write import with_position
-from webapp.files.photos.geotags import Geotag
+from webapp.files.photos.exif import Gps, Heading
+from webapp.files.photos.exif_write import Geotag, with_position
 from webapp.files.photos.photo import read_facts
 from webapp.settings import PhotoLimits
 from webapp.store.library import DATABASE, INNER

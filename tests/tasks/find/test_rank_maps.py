@@ -156,7 +156,7 @@ def test_few_maps_that_are_left_need_no_other_basis(add_map, describe, library, 
 def test_a_map_that_comes_while_a_basis_is_trained_is_described(
     add_map, describe, ranked, library, quick, monkeypatch
 ):
-    train = describe_library.photo_vectors.train
+    train = describe_library.global_descriptors.train_basis
     fen, hill = add_map("fen"), add_map("hill")
 
     def slow(photos):
@@ -164,7 +164,7 @@ def test_a_map_that_comes_while_a_basis_is_trained_is_described(
         return train(photos)
 
     common = {"settings": quick, "writes": library.database.write, "progress": Progress()}
-    monkeypatch.setattr(describe_library.photo_vectors, "train", slow)
+    monkeypatch.setattr(describe_library.global_descriptors, "train_basis", slow)
     assert describe(fen, hill) == 1
     with library.database.read() as session:
         (basis,) = stored.bases(session)

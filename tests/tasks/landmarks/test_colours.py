@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from webapp.core.boxes import BlurBox
-from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
-from webapp.files.landmarks.points import COLOURS_FILE, read_colours
+from webapp.files.landmarks.cloud import CLOUD_FILE, COLOURS_FILE, read_cloud, read_colours
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings

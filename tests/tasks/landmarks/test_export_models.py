@@ -5,8 +5,8 @@ import pycolmap
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.landmarks.export_models import export_models, names_of_photos
 from webapp.tasks.landmarks.reconstruct import reconstruct
+from webapp.tasks.landmarks.stored import export_models, names_of_photos
 
 
 def test_a_model_is_written_with_the_names_of_the_map(court, tmp_path):

@@ -18,7 +18,7 @@ from webapp.store.accounts import accounts
 from webapp.store.library import open_library
 from webapp.store.maps import edits, maps
 from webapp.store.schema import Edit, MapRecord, Photo
-from webapp.tasks.landmarks import accept, surroundings
+from webapp.tasks.landmarks import accept, on_demand
 from webapp.tasks.landmarks.accept import accept_in_folder, correct_in_folder
 from webapp.tasks.landmarks.place_rest import CorrectedPlace, SuggestedPlace
 from webapp.tasks.maps import adopt_map
@@ -154,12 +154,12 @@ def test_no_position_passes_for_a_more_exact_one_when_correcting_is_killed(tmp_p
 def part(tmp_path, monkeypatch):
     """Reconstructs a part of a map, with stand-ins for slow steps."""
     found = SimpleNamespace(submodels=("a piece",))
-    monkeypatch.setattr(surroundings, "reconstruct", lambda *_, **__: found)
-    monkeypatch.setattr(surroundings, "adjust_submodels", lambda *_, **__: None)
+    monkeypatch.setattr(on_demand, "reconstruct", lambda *_, **__: found)
+    monkeypatch.setattr(on_demand, "adjust_submodels", lambda *_, **__: None)
     cfg = tmp_path / "map.cfg"
 
     def run(*photos):
-        return surroundings.reconstruct_part(
+        return on_demand.reconstruct_part(
             cfg, BEFORE, photos=photos, settings=Settings(), progress=Progress()
         )
 
@@ -167,16 +167,16 @@ def part(tmp_path, monkeypatch):
 
 
 def test_a_part_counts_only_once_all_of_it_is_there(part):
-    with killed_before(surroundings, "write_text"), pytest.raises(Killed):
+    with killed_before(on_demand, "write_text"), pytest.raises(Killed):
         part.run(PLACED)
-    assert surroundings.part_of(part.cfg, [PLACED]) is None
-    assert surroundings.part_around(part.cfg, [PLACED]) is None
-    assert part.run(PLACED) == surroundings.part_around(part.cfg, [PLACED])
+    assert on_demand.part_of(part.cfg, [PLACED]) is None
+    assert on_demand.part_around(part.cfg, [PLACED]) is None
+    assert part.run(PLACED) == on_demand.part_around(part.cfg, [PLACED])
 
 
 def test_a_part_that_is_half_removed_serves_nobody(part, monkeypatch):
-    monkeypatch.setattr(surroundings, "MOST_PARTS", 1)
+    monkeypatch.setattr(on_demand, "MOST_PARTS", 1)
     part.run(PLACED)
-    with killed_before(surroundings.shutil, "rmtree"), pytest.raises(Killed):
+    with killed_before(on_demand.shutil, "rmtree"), pytest.raises(Killed):
         part.run(Experience(9, "9.jpg", MapPixel(1.0, 1.0)))
-    assert surroundings.part_around(part.cfg, [PLACED]) is None
+    assert on_demand.part_around(part.cfg, [PLACED]) is None

@@ -23,7 +23,7 @@ from webapp.files.lock import writer_lock
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import LandmarkSettings, Settings
-from webapp.tasks.landmarks import on_demand, surroundings
+from webapp.tasks.landmarks import on_demand
 from webapp.tasks.landmarks.accept import accept_in_folder
 from webapp.tasks.landmarks.mapping import MATCHES_FILE
 from webapp.tasks.landmarks.on_demand import photos_around
@@ -128,7 +128,7 @@ from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import LandmarkSettings, Settings
 from webapp.tasks.landmarks import reconstruct
-from webapp.tasks.landmarks.surroundings import reconstruct_part
+from webapp.tasks.landmarks.on_demand import reconstruct_part
 
 reconstruct._EXTRACT = replace(reconstruct._EXTRACT, keypoints=int(sys.argv[4]))
 cfg, pairs, written = Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
@@ -160,16 +160,16 @@ def test_killed_work_goes_on_where_it_stopped_and_leaves_nothing_behind(bare, co
         command = [sys.executable, "-c", KILLED, bare, str(pairs), written, str(KEYPOINTS)]
         ended = subprocess.run(command, check=False)
         assert ended.returncode == -signal.SIGKILL, written
-        assert surroundings.part_around(bare, the_map.experiences) is None
+        assert on_demand.part_around(bare, the_map.experiences) is None
         if written == "nothing":
             with closing(sqlite3.connect(folder / MATCHES_FILE)) as database:
                 assert database.execute("SELECT count(*) FROM two_view_geometries").fetchone() == (5,)
     progress = counted()
-    part = surroundings.reconstruct_part(
+    part = on_demand.reconstruct_part(
         bare, the_map, photos=the_map.experiences, settings=settings(), progress=progress
     )
     assert progress.sizes == [len(the_map.experiences), 0], "no photo and no pair is done twice"
-    assert surroundings.part_around(bare, the_map.experiences) == part
+    assert on_demand.part_around(bare, the_map.experiences) == part
     assert len(read_cloud(part / CLOUD_FILE).cloud.point) > 100
     assert {path: path.read_bytes() for path in bare.parent.glob("*") if path.is_file()} == before
     assert [path for path in folder.rglob("*") if path.name.endswith(".tmp")] == []
@@ -186,7 +186,7 @@ def test_while_another_process_reconstructs_nothing_is_built_twice(bare, query):
 
 def test_photos_that_cannot_be_joined_are_tried_once(bare, query, monkeypatch):
     path, _ = query
-    monkeypatch.setattr(surroundings, "reconstruct", only_two_photos(surroundings.reconstruct))
+    monkeypatch.setattr(on_demand, "reconstruct", only_two_photos(on_demand.reconstruct))
     for _ in range(2):
         answer = opened(bare).localize(path, top=3)
         assert answer.note == "too few landmarks around this place agree with the photo"
@@ -201,10 +201,10 @@ def tried(tmp_path, monkeypatch):
 
     def run(names, *, joined):
         found = SimpleNamespace(submodels=("a piece",) if joined else ())
-        monkeypatch.setattr(surroundings, "reconstruct", lambda *_, **__: found)
-        monkeypatch.setattr(surroundings, "adjust_submodels", lambda *_, **__: None)
+        monkeypatch.setattr(on_demand, "reconstruct", lambda *_, **__: found)
+        monkeypatch.setattr(on_demand, "adjust_submodels", lambda *_, **__: None)
         the_map = Map(SatelliteImage("s.png", 9, 9), ())
-        return surroundings.reconstruct_part(
+        return on_demand.reconstruct_part(
             cfg, the_map, photos=photos_of(names), settings=Settings(), progress=Progress()
         )
 
@@ -217,15 +217,15 @@ def photos_of(names):
 
 def test_photos_that_could_not_be_joined_say_nothing_of_others_around_them(tried):
     folder = tried.run("abcdefghij", joined=False)
-    assert surroundings.part_of(tried.cfg, photos_of("jihgfedcba")) == folder
-    assert surroundings.part_of(tried.cfg, photos_of("abcdefghi")) is None
-    assert surroundings.part_around(tried.cfg, photos_of("abc")) is None
+    assert on_demand.part_of(tried.cfg, photos_of("jihgfedcba")) == folder
+    assert on_demand.part_of(tried.cfg, photos_of("abcdefghi")) is None
+    assert on_demand.part_around(tried.cfg, photos_of("abc")) is None
     joined = tried.run("abcx", joined=True)
-    assert surroundings.part_around(tried.cfg, photos_of("abc")) == joined
+    assert on_demand.part_around(tried.cfg, photos_of("abc")) == joined
 
 
 def test_the_oldest_parts_make_room(tried, monkeypatch):
-    monkeypatch.setattr(surroundings, "MOST_PARTS", 2)
+    monkeypatch.setattr(on_demand, "MOST_PARTS", 2)
     folders = [tried.run(names, joined=True) for names in ("ab", "cd")]
     for age, folder in enumerate(reversed(folders)):
         os.utime(folder, (1000.0 - age, 1000.0 - age))

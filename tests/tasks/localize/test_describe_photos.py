@@ -13,7 +13,7 @@ from webapp.core.features.global_descriptor import GlobalDescriptor
 from webapp.core.hypotheses import looks
 from webapp.errors import Cancelled
 from webapp.progress import Progress
-from webapp.tasks.evaluation.measure import with_hidden_photos
+from webapp.tasks.evaluation.evaluate import with_hidden_photos
 from webapp.tasks.localize import build_map, describe_photos, trials
 from webapp.tasks.localize.open_pipeline import open_pipeline
 from webapp.tasks.localize.plan import OpenOptions

@@ -16,7 +16,7 @@ from webapp.core.retrieval.retrieve import filter_by_rotation, shortlist, weight
 from webapp.core.tuning import CropsTuning
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.evaluation.measure import with_hidden_photos
+from webapp.tasks.evaluation.evaluate import with_hidden_photos
 from webapp.tasks.localize.calibrate import fit_trials
 from webapp.tasks.localize.open_pipeline import open_pipeline
 from webapp.tasks.localize.plan import OpenOptions

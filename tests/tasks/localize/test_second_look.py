@@ -10,7 +10,7 @@ from tests.standin_models import write_aliked
 from webapp.core.hypotheses import looks
 from webapp.files.photos import photo as photo_files
 from webapp.progress import Progress
-from webapp.tasks.evaluation.measure import with_hidden_photos
+from webapp.tasks.evaluation.evaluate import with_hidden_photos
 from webapp.tasks.localize import build_map, cascade, query_photo, trials
 from webapp.tasks.localize.open_pipeline import open_pipeline
 from webapp.tasks.localize.pipeline import Look

@@ -27,7 +27,6 @@ from webapp.store.maps import maps
 from webapp.store.schema import Account, MapRecord, Photo
 from webapp.tasks.maps import add_photo, photo_files, placing
 from webapp.tasks.maps.add_photo import IncomingPhoto
-from webapp.tasks.operate import sweep_uploads
 
 HERE = LatLon(50.08, 14.42)
 
@@ -135,7 +134,7 @@ def test_a_photo_is_refused_as_a_whole_where_its_previews_cannot_be_kept(desk, m
     def full(*_args, **_more):
         raise DiskFull("full")
 
-    monkeypatch.setattr(add_photo.preview, "write_previews", full)
+    monkeypatch.setattr(add_photo, "write_previews", full)
     with pytest.raises(DiskFull):
         desk.give(jpeg())
     assert desk.rows() == []
@@ -377,8 +376,8 @@ def test_every_odd_photo_is_taken_or_refused_in_a_sentence(desk, shared_data):
 def test_old_uploads_are_given_up(desk):
     stale = desk.library.uploads / "0123.part"
     stale.write_bytes(b"half")
-    assert sweep_uploads.sweep_uploads(desk.library, settings=Settings()) == 0
+    assert photo_files.sweep_uploads(desk.library, settings=Settings()) == 0
     assert (
-        sweep_uploads.sweep_uploads(desk.library, settings=Settings(upload=UploadLimits(keep_hours=0.0))) == 1
+        photo_files.sweep_uploads(desk.library, settings=Settings(upload=UploadLimits(keep_hours=0.0))) == 1
     )
     assert not stale.exists()

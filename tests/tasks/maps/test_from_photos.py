@@ -16,7 +16,7 @@ from webapp.core.geo.types import LatLon, MapPixel
 from webapp.core.mapmodel.panorama import Panorama
 from webapp.errors import Cancelled, MapError, UsageError
 from webapp.files.maps.folder import read_map
-from webapp.files.photos.geotags import Geotag, format_xmp
+from webapp.files.photos.exif_write import Geotag, format_xmp
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
 from webapp.tasks.maps import check_map, from_photos

@@ -12,9 +12,8 @@ from tests.core.geometry.rig_photos import FOV_DEG, SIX, photo_of
 from webapp.core.geo.types import LatLon
 from webapp.errors import UsageError
 from webapp.files.photos.exif_write import CameraTags, exif_bytes
-from webapp.files.photos.panorama import find_panorama, read_mask
+from webapp.files.photos.panorama import MountedCamera, find_panorama, read_mask
 from webapp.files.photos.photo import read_facts, read_upright
-from webapp.files.photos.rig import MountedCamera
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
 from webapp.tasks.maps.panoramas import JoinOptions, join_panoramas

@@ -19,7 +19,7 @@ from webapp.app.registry import LIBRARY_PARTS
 from webapp.errors import Conflict, DiskFull, InputError, NotFound, StorageError, UsageError
 from webapp.files import backup
 from webapp.files.backup import MANIFEST
-from webapp.jobs.process_lock import ProcessLock
+from webapp.jobs.health import ProcessLock
 from webapp.progress import Progress
 from webapp.store import queries
 from webapp.store.accounts import accounts

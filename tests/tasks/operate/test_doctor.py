@@ -14,7 +14,7 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import pytest
 
-from webapp.jobs.process_lock import ProcessLock
+from webapp.jobs.health import ProcessLock
 from webapp.settings import PhotoLimits, Settings, UploadLimits, WebSettings
 from webapp.store.accounts import accounts
 from webapp.store.clock import now

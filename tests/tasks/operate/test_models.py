@@ -17,7 +17,7 @@ from webapp.files.localize.index_store import index_key
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.operate import models as task
-from webapp.tasks.operate.check_models import check_models
+from webapp.tasks.operate.models import check_models
 
 CONTENT = bytes(range(256)) * 1000
 

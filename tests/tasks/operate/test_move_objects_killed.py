@@ -11,7 +11,7 @@ from webapp.cli.library import existing_library
 from webapp.errors import UsageError
 from webapp.files import contents
 from webapp.files.contents import connect
-from webapp.files.object_storage.pointer import pointed_path
+from webapp.files.object_storage.cache import pointed_path
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store import clock

@@ -6,7 +6,7 @@ from sqlalchemy import text
 
 from tests.tasks.operate.moves import opens, to_file, to_server
 from webapp.errors import Busy, Conflict, DatabaseUnavailable, DiskFull, NotFound, StorageError, UsageError
-from webapp.jobs.process_lock import ProcessLock
+from webapp.jobs.health import ProcessLock
 from webapp.store.backends.sqlite import Sqlite
 from webapp.store.database import Database
 from webapp.store.library import MOVING, open_library

@@ -22,8 +22,7 @@ from webapp.store.schema import Account
 from webapp.tasks.exchange import import_map
 from webapp.tasks.maps import adopt_map, from_photos
 from webapp.tasks.maps.from_photos import PlaceOptions
-from webapp.tasks.satellite.floors import NewFloor
-from webapp.tasks.satellite.folder_floors import add_in_folder
+from webapp.tasks.satellite.floors import NewFloor, add_in_folder
 from webapp.tasks.satellite.upright import as_shown
 
 WIDE, HIGH = 160, 120

@@ -13,8 +13,7 @@ from webapp.store.library import open_library
 from webapp.store.schema import Account, MapRecord
 from webapp.tasks.maps import adopt_map
 from webapp.tasks.street.add_street import add_street_photos
-from webapp.tasks.street.survey import StreetRequest, survey_street
-from webapp.tasks.street.targets import FolderTarget, LibraryTarget
+from webapp.tasks.street.survey import FolderTarget, LibraryTarget, StreetRequest, survey_street
 
 PLACE = Georeference("EPSG:4326", (1e-5, 0, 14.4, 0, -1e-5, 50.1, 0, 0, 1), "corners")
 """Georeference of an image of 300 x 200 pixels of 0.00001 degrees."""

@@ -22,9 +22,8 @@ from webapp.files.maps.folder import read_map, write_map
 from webapp.progress import Progress
 from webapp.settings import Settings, UploadLimits
 from webapp.store.schema import Photo
-from webapp.tasks.operate.sweep_uploads import sweep_uploads
-from webapp.tasks.street.survey import PixelBox, StreetRequest, survey_street
-from webapp.tasks.street.targets import FolderTarget
+from webapp.tasks.maps.photo_files import sweep_uploads
+from webapp.tasks.street.survey import FolderTarget, PixelBox, StreetRequest, survey_street
 
 
 def with_street(settings, **changes):
@@ -197,7 +196,7 @@ class TestLists:
         assert pages == ["0", "2"]
 
     def test_a_full_answer_without_a_next_one_is_asked_again_in_quarters(self, bring, service, monkeypatch):
-        monkeypatch.setattr("webapp.net.mapillary.Mapillary.page_size", 2)
+        monkeypatch.setattr("webapp.net.street.Mapillary.page_size", 2)
         survey, _ = bring("mapillary")
         assert survey.found == 3
         assert service.asked["/images"] >= 5
@@ -365,7 +364,7 @@ import os, signal, sys
 from dataclasses import replace
 from pathlib import Path
 from webapp.cli.street import street_photos
-from webapp.tasks.street.targets import FolderTarget
+from webapp.tasks.street.survey import FolderTarget
 take = FolderTarget.take
 def take_and_die(self, photo):
     take(self, photo)

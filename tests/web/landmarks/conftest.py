@@ -8,9 +8,8 @@ from PIL import Image
 
 from webapp.core.landmarks.cloud import LandmarkCloud
 from webapp.core.landmarks.submodels import Submodel
-from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, write_cloud
+from webapp.files.landmarks.cloud import CLOUD_FILE, COLOURS_FILE, StoredCloud, write_cloud, write_colours
 from webapp.files.landmarks.colmap import SUBMODELS_FILE, StoredSubmodels, write_submodels
-from webapp.files.landmarks.points import COLOURS_FILE, write_colours
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.localize.index_location import landmarks_folder
 

@@ -12,8 +12,7 @@ from tests.web.landmarks.conftest import AT
 from webapp.core.boxes import BlurBox
 from webapp.core.mapmodel.views import content_of_part
 from webapp.errors import Busy
-from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, read_cloud, write_cloud
-from webapp.files.landmarks.points import POINTS_FILE
+from webapp.files.landmarks.cloud import CLOUD_FILE, POINTS_FILE, StoredCloud, read_cloud, write_cloud
 from webapp.store.schema import Job, MapRecord, Photo
 from webapp.tasks.landmarks.show_cloud import align_in_library
 from webapp.tasks.localize.index_location import landmarks_folder

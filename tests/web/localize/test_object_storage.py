@@ -38,8 +38,8 @@ from webapp.files.maps.folder import read_map
 from webapp.files.object_storage import bucket as bucket_module
 from webapp.files.object_storage import storage
 from webapp.files.object_storage.bucket import Bucket
-from webapp.files.object_storage.marker import MARKER
-from webapp.files.object_storage.pointer import pointed_path, pointer_path, read_pointer
+from webapp.files.object_storage.cache import pointed_path, pointer_path, read_pointer
+from webapp.files.object_storage.storage import MARKER
 from webapp.jobs.worker import Worker
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings, UploadLimits

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from sqlalchemy import select
 
-from webapp.core.geo.corners import Corners, from_corners
+from webapp.core.geo.fit import Corners, from_corners
 from webapp.core.geo.types import LatLon
 from webapp.core.hypotheses.calibration import DEFAULT
 from webapp.files.localize import calibration

@@ -9,7 +9,7 @@ from tests.web.maps.test_photo_uploads import Sender, jpeg, left, records
 from webapp.settings import UploadLimits
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps import add_photo
-from webapp.tasks.operate.sweep_uploads import sweep_uploads
+from webapp.tasks.maps.photo_files import sweep_uploads
 
 CHUNK = 10_000
 

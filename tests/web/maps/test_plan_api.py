@@ -12,7 +12,7 @@ from webapp.core.mapmodel.photo_plan import Reason
 from webapp.files.exchange.gpx import GpxWaypoint, read_gpx
 from webapp.tasks.landmarks import stored
 from webapp.tasks.landmarks.place_rest import LeftPhoto, RestReport
-from webapp.web.maps.api_plan import SpotOut
+from webapp.web.maps.api_checks import SpotOut
 
 CORNERS = {"top_left": {"lat": 50.1, "lon": 14.4}, "bottom_right": {"lat": 50.098, "lon": 14.403}}
 

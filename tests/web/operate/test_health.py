@@ -6,8 +6,7 @@ from collections import namedtuple
 
 import pytest
 
-from webapp.jobs.draining import Drain
-from webapp.jobs.process_lock import ProcessLock
+from webapp.jobs.health import Drain, ProcessLock
 
 Usage = namedtuple("Usage", "total used free")
 

@@ -13,10 +13,9 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from webapp.errors import MissingPart, StorageError
 from webapp.files import contents
-from webapp.files.object_storage.bucket import Bucket
+from webapp.files.object_storage.bucket import Bucket, watch
 from webapp.files.object_storage.cache import ObjectCache
 from webapp.files.object_storage.storage import ObjectStorage
-from webapp.files.object_storage.watch import watch
 from webapp.settings import METRICS_FOLDER
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Limits

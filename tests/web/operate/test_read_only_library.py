@@ -16,7 +16,7 @@ from tests.web.maps.images import png
 from webapp.app.registry import REGISTRY
 from webapp.errors import DatabaseUnavailable
 from webapp.jobs import worker
-from webapp.jobs.process_lock import ProcessLock
+from webapp.jobs.health import ProcessLock
 from webapp.jobs.worker import Worker
 from webapp.store.accounts import sign_in
 from webapp.tasks.maps import adopt_map

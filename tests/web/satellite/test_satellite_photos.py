@@ -3,7 +3,7 @@
 import pytest
 
 from tests.web.satellite.images import CORNERS, LARGER, message, png
-from webapp.core.geo.corners import Corners, from_corners
+from webapp.core.geo.fit import Corners, from_corners
 from webapp.core.geo.types import LatLon
 from webapp.files.maps.map_json import parse_georeference
 from webapp.store.schema import Job, PlacedElsewhere

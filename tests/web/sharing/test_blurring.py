@@ -14,7 +14,7 @@ from tests.standin_models import install_blur_networks
 from tests.web.sharing.stripes import BOX, blur, contrast, fetched, stripes
 from webapp.core.hypotheses.model import Evidence
 from webapp.errors import Busy, Conflict
-from webapp.files.localize.blur_networks import blur_networks
+from webapp.files.localize.models import blur_networks
 from webapp.progress import Progress
 from webapp.render import export_file
 from webapp.render.answer_pictures import HEIGHT_PX, match_picture
@@ -22,11 +22,9 @@ from webapp.settings import Settings
 from webapp.store.maps import maps
 from webapp.store.maps.blurred import blurred_elsewhere
 from webapp.store.schema import Job, MapRecord
-from webapp.tasks.blur.accept import accept_in_library
-from webapp.tasks.blur.find import PhotoToSearch, search_photos
-from webapp.tasks.exchange.export_source import of_folder
-from webapp.tasks.exchange.thumbnails import thumbnail
-from webapp.tasks.maps import export, pictures, show_photo
+from webapp.tasks.blur.find import PhotoToSearch, accept_in_library, search_photos
+from webapp.tasks.exchange.export_source import of_folder, thumbnail
+from webapp.tasks.maps import export, pictures
 from webapp.tasks.maps.delete_map import delete_map
 from webapp.web.state import KEY
 
@@ -293,14 +291,14 @@ def meanwhile(client, monkeypatch):
     """Blur a box while the next pictures of a photo are being made."""
 
     def blur_another(slug, box):
-        make = show_photo.make_previews
+        make = pictures.make_previews
 
         def blur_first(*args, **options):
-            monkeypatch.setattr(show_photo, "make_previews", make)
+            monkeypatch.setattr(pictures, "make_previews", make)
             assert blur(client, slug, box).status_code == 200
             return make(*args, **options)
 
-        monkeypatch.setattr(show_photo, "make_previews", blur_first)
+        monkeypatch.setattr(pictures, "make_previews", blur_first)
 
     return blur_another
 
@@ -359,7 +357,7 @@ def test_what_may_work_later_is_not_noted_as_failed(client, park, accepting, mon
     def busy(*args, **options):
         raise Busy("the server is busy", wait_s=1)
 
-    monkeypatch.setattr(show_photo, "make_previews", busy)
+    monkeypatch.setattr(pictures, "make_previews", busy)
     with pytest.raises(Busy):
         accepting()
     monkeypatch.undo()

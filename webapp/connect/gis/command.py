@@ -19,8 +19,7 @@ from webapp.connect.gis.layers import add_map, add_mission
 from webapp.errors import UsageError
 from webapp.files.atomic import storage_error
 from webapp.missions.store import reading
-from webapp.tasks.exchange.export_source import of_folder
-from webapp.tasks.exchange.thumbnails import thumbnail
+from webapp.tasks.exchange.export_source import of_folder, thumbnail
 
 _ATTACHED_SIDE = 1600
 _OUT = click.argument("out", metavar="FILE.gpkg", type=click.Path(path_type=Path, dir_okay=False))

@@ -11,8 +11,6 @@ from webapp.core.features.types import Extractor
 
 @dataclass(frozen=True, slots=True)
 class ModelFile:
-    """A file with weights."""
-
     name: str  # File name
     bytes: int  # Size; 0 for a file that the user supplies
     sha256: str  # Empty for a file that the user supplies: any file of this name is accepted
@@ -27,7 +25,6 @@ class ModelFile:
 
 
 def supplied_file(name: str, source: str) -> ModelFile:
-    """Describe a file that the user supplies."""
     return ModelFile(name, bytes=0, sha256="", licence="", source=source, address="")
 
 

@@ -99,12 +99,7 @@ class GlobalDescriptor:
         model: Content of an ONNX file with one input, (1, 3, height, width), and one output, (1, d). Values
             that the form does not state are read from its shape and metadata; the default normalisation is
             ImageNet's.
-        file: Name of the file, for messages.
         weights: Identifies the content of the model file and the form.
-
-    Raises:
-        InputError: The file contains another network, or none.
-        MissingPart: onnxruntime is not installed.
     """
 
     def __init__(self, model: bytes, *, file: str, form: InputForm, weights: str) -> None:

@@ -23,8 +23,6 @@ from webapp.errors import MissingPart, UsageError
 
 
 class Points(NamedTuple):
-    """Keypoints that a network detected in an image."""
-
     xy: NDArray[np.float32]  # (n, 2) float32. Pixels; pixel centres have whole numbers.
     score: NDArray[np.float32]  # (n,) float32
     descriptors: NDArray[np.float32]  # (n, width) float32
@@ -36,17 +34,12 @@ class KeypointNetwork:
     Args:
         model: Content of an ONNX file with the input `image` (1, 3, h, w), RGB from 0 to 1, and the outputs
             `keypoints` (n, 2), `scores` (n,) and `descriptors` (n, width), with or without a batch of one.
-        file: Name of the file, for messages.
 
     Attributes:
         name: Of the network, for messages.
         width: Dimension of a descriptor.
         sides: (int or None, int or None). Width and height of its input images; None if any multiple of
             `multiple` is possible.
-
-    Raises:
-        InputError: The file contains another network.
-        MissingPart: onnxruntime is not installed.
     """
 
     name = ""
@@ -62,11 +55,7 @@ class KeypointNetwork:
         self.sides = (shape[3], shape[2])
 
     def points(self, image: NDArray[np.uint8]) -> Points:
-        """Detect and describe keypoints in an (h, w) uint8 image of a size that the network takes.
-
-        Raises:
-            InputError: The model fails, or its outputs have other shapes.
-        """
+        """Detect and describe keypoints in an (h, w) uint8 image of a size that the network takes."""
         gray = image.astype(np.float32) / np.float32(255.0)
         xy, score, descriptors = self._network.run(image=np.broadcast_to(gray, (1, 3, *gray.shape)))
         n = score.size
@@ -102,7 +91,6 @@ class NetworkFeatures:
     """Detector and extractor around a network. It describes only its own keypoints.
 
     Args:
-        of: Class of the network.
         network: Required for detection.
     """
 

@@ -44,13 +44,7 @@ class LightGlue:
     """LightGlue for one kind of features; threads may share it.
 
     Args:
-        model: Content of an ONNX file.
         interface: `LIGHTGLUE` or `LIGHTERGLUE`.
-        file: Name of the file, for messages.
-
-    Raises:
-        InputError: The file contains another network.
-        MissingPart: onnxruntime is not installed.
     """
 
     def __init__(self, model: bytes, interface: Interface, *, file: str) -> None:
@@ -58,11 +52,7 @@ class LightGlue:
         self._network = Network(model, interface, file=file)
 
     def match(self, query: Features, photo: Features) -> NDArray[np.int64]:
-        """Match the keypoints of two photos: (m, 2) rows, the most probable match first.
-
-        Raises:
-            InputError: The model fails, or its outputs have other shapes.
-        """
+        """Match the keypoints of two photos: (m, 2) rows, the most probable match first."""
         if not (len(query) and len(photo)):
             return np.zeros((0, 2), np.int64)
         inputs = (_centred(query), _centred(photo), _unit_length(query), _unit_length(photo))

@@ -49,10 +49,6 @@ class Network:
 
     It uses as many native threads as OpenCV may in this process (`cv2.setNumThreads`).
 
-    Args:
-        model: Content of an ONNX file.
-        file: Name of the file, for messages.
-
     Attributes:
         inputs, outputs: dict of str to tuple of (int or None). Shape of each input and output.
         metadata: Custom metadata of the file.
@@ -95,9 +91,6 @@ class Network:
 
         Returns:
             list of array: The outputs of the interface, in its order, or all if it names none.
-
-        Raises:
-            InputError: The model fails with these inputs.
         """
         try:
             names = [*(self._interface.outputs or self.outputs)]

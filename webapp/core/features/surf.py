@@ -90,8 +90,6 @@ def detect_blobs(integral: NDArray[np.int32], most: int, *, least: float) -> Blo
 
 
 class Surf:
-    """Detector and extractor."""
-
     kind: Kind = "float"
     width = 64
     oriented = True

@@ -105,7 +105,6 @@ class FeatureChoice:
 
     @property
     def width(self) -> int:
-        """Bytes of a descriptor."""
         return EXTRACTORS[self.extractor].make().width
 
     @property

@@ -35,11 +35,9 @@ class Features:
     vector: NDArray[np.float32] | None = None
 
     def __len__(self) -> int:
-        """Count the keypoints."""
         return len(self.xy)
 
     def subset(self, rows: NDArray[np.int64]) -> Features:
-        """Select keypoints by their rows."""
         return Features(
             xy=self.xy[rows],
             size=self.size[rows],
@@ -129,7 +127,6 @@ def detect_with_fallback_threshold(
 
     Args:
         detect: Takes a maximum number and a threshold, and returns the strongest keypoints above it.
-        keypoints: Number wanted.
         thresholds: The usual one and the lower one.
 
     Returns:

@@ -58,14 +58,7 @@ class Maps(NamedTuple):
 
 
 class XFeatNetwork:
-    """The network with its weights; threads may share it.
-
-    Args:
-        model: A published model file, already checked.
-
-    Raises:
-        MissingPart: onnxruntime is not installed.
-    """
+    """The network with its weights; threads may share it."""
 
     def __init__(self, model: bytes) -> None:
         interface = Interface("XFeat", ("input",), tuple(_OUTPUTS))

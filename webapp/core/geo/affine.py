@@ -25,7 +25,6 @@ def is_affine(values: Affine) -> bool:
 
 
 def apply_affine(affine: Affine, at: MapPixel) -> MapPixel:
-    """Transform one pixel."""
     a, b, c, d, e, f = affine
     return MapPixel(a * at.x + b * at.y + c, d * at.x + e * at.y + f)
 
@@ -38,13 +37,10 @@ def compose(after: Affine, before: Affine) -> Affine:
 
 
 def affine_through(before: NDArray[np.float64], after: NDArray[np.float64]) -> Affine | None:
-    """Fit a transformation by least squares.
+    """Fit a transformation by least squares; None if the points are on one line, or not finite.
 
     Args:
         before, after: (n, 2) float64. At least three points, and their images.
-
-    Returns:
-        None if the points are on one line, or not finite.
     """
     if not (np.isfinite(before).all() and np.isfinite(after).all()):
         return None

@@ -45,9 +45,6 @@ def parse_crs(plane: str) -> CRS:
     Args:
         plane: An authority code (`EPSG:4326`, `EPSG:32633`), a PROJ string, or WKT.
 
-    Returns:
-        Two-dimensional, geographic or projected.
-
     Raises:
         GeoreferenceError: PROJ does not know it, it is neither geographic nor projected, or it may name a
             file.
@@ -80,11 +77,7 @@ def _is_plain(plane: str) -> bool:
 
 
 def crs_name(text: str) -> str:
-    """Return the EPSG code of a coordinate system (`EPSG:32633`) if it is exactly that, else the text itself.
-
-    Raises:
-        GeoreferenceError: As `parse_crs`.
-    """
+    """Return the EPSG code of a coordinate system (`EPSG:32633`) if it is just that, else the text."""
     code = parse_crs(text).to_epsg(min_confidence=100)
     return f"EPSG:{code}" if code else text
 
@@ -107,7 +100,6 @@ def latlon_from_plane(plane: str, xy: ArrayLike) -> NDArray[np.float64]:
     """Convert points of a plane to latitude and longitude.
 
     Args:
-        plane: Coordinate system.
         xy: (n, 2) float64. East (or longitude), north (or latitude), in the plane's unit.
 
     Returns:
@@ -125,7 +117,6 @@ def plane_from_latlon(plane: str, latlon: ArrayLike) -> NDArray[np.float64]:
     """Convert latitude and longitude to points of a plane.
 
     Args:
-        plane: Coordinate system.
         latlon: (n, 2) float64. Degrees north, degrees east.
 
     Returns:

@@ -22,8 +22,6 @@ LARGEST_LEVEL = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class FloorImage:
-    """The image of a floor."""
-
     path: str  # Relative to the map's folder, with forward slashes
     # `width`, `height`: Pixels.
     width: int
@@ -33,8 +31,6 @@ class FloorImage:
 
 @dataclass(frozen=True, slots=True)
 class Floor:
-    """One floor of a map."""
-
     id: int  # Unique in the map; `BASE_FLOOR` is that of the map's own image
     name: str  # One line
     # Orders the floors, and labels the floor switch: 0 is at ground level, halves are between floors, as in

@@ -66,13 +66,10 @@ class Georeference:
         return latlon_from_plane(self.plane, _project(self.matrix, pixels))
 
     def pixel_from_latlon(self, latlon: ArrayLike) -> NDArray[np.float64]:
-        """Convert latitude and longitude to map pixels.
+        """Convert latitude and longitude to map pixels: (n, 2) float64; NaN where there is none.
 
         Args:
             latlon: (n, 2) float64. Degrees north, degrees east.
-
-        Returns:
-            (n, 2) float64: x, y; NaN where there is none.
         """
         return _project(_inverse(self.matrix), plane_from_latlon(self.plane, latlon))
 
@@ -160,10 +157,6 @@ def latlon_grid(georeference: Georeference, size: tuple[int, int], *, cells: int
 
     Without perspective, linear interpolation in a cell of size s has an error of about s^2 / (8 R), R being
     the Earth's radius: 2 mm for an image of 5 km with 16 cells.
-
-    Args:
-        size: Width and height of the image, pixels.
-        cells: Number of cells along each side.
     """
     width, height = size
     x, y = np.meshgrid(np.linspace(0.0, width, cells + 1), np.linspace(0.0, height, cells + 1))

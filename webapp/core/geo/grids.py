@@ -28,8 +28,6 @@ _DIGITS = 5
 
 @dataclass(frozen=True, slots=True)
 class Utm:
-    """A position on the UTM grid."""
-
     zone: int  # 1 to 60
     band: str  # Letter of the band of latitude: C to M are south, N to X north of the equator
     # `easting`, `northing`: Metres; the northing is measured from the equator, which is at 10 000 000 for the
@@ -43,11 +41,7 @@ class Utm:
 
 
 def utm(position: LatLon) -> Utm | None:
-    """Convert a position to UTM.
-
-    Returns:
-        None outside the latitudes of the grid, and for an invalid position.
-    """
+    """Convert a position to UTM; None outside the latitudes of the grid, and for an invalid position."""
     lat, lon = position
     if not (SOUTH_END <= lat <= NORTH_END and math.isfinite(lon)):
         return None

@@ -32,11 +32,7 @@ class EnuMetres(NamedTuple):
 
 
 def round_half_up(value: float) -> int:
-    """Round to the nearest integer, halves upwards: 0.5 -> 1, -0.5 -> 0.
-
-    Args:
-        value: Finite.
-    """
+    """Round to the nearest integer, halves upwards: 0.5 -> 1, -0.5 -> 0."""
     return math.floor(value + 0.5)
 
 

@@ -25,7 +25,6 @@ class ViewSize:
 
     @property
     def camera(self) -> Camera:
-        """Camera of a view of this size."""
         diagonal = math.hypot(self.width, self.height)
         focal_px = self.focal_35mm / _DIAGONAL_35MM * diagonal
         return Camera(self.width, self.height, math.degrees(2.0 * math.atan(self.width / 2.0 / focal_px)))
@@ -55,7 +54,6 @@ def view_pixels(
     """Compute the positions in a panorama of all pixels of a level view.
 
     Args:
-        panorama: Its width and height.
         turn_deg: Clockwise rotation of the view from the centre of the panorama.
 
     Returns:

@@ -13,5 +13,4 @@ class NoPose:
     blank: bool = False  # The photo has nothing to recognise, which says nothing about the place
 
     def __bool__(self) -> bool:
-        """Return False, as there is no pose."""
         return False

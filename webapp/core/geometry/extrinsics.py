@@ -46,7 +46,6 @@ class KeypointDepths:
 
 
 def empty_depths() -> KeypointDepths:
-    """Return an empty set of depths."""
     rows, values = np.zeros(0, np.int32), np.zeros(0, np.float32)
     return KeypointDepths(rows, rows, values, values)
 

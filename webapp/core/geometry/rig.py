@@ -49,7 +49,6 @@ class RigPhoto:
 
     @property
     def lens(self) -> Camera:
-        """Pinhole camera of the photo."""
         height, width = self.pixels.shape[:2]
         return Camera(width, height, self.camera.fov_deg)
 

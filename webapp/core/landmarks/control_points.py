@@ -66,7 +66,6 @@ class NotTriangulated:
     clicks: int  # Number of photos of the submodel in which it is clicked
 
     def __bool__(self) -> bool:
-        """Return False: it was not triangulated."""
         return False
 
 
@@ -101,7 +100,6 @@ class _Rays(NamedTuple):
 
 
 def triangulate(point: KnownPoint, submodel: Submodel) -> Triangulated | NotTriangulated:
-    """Triangulate a control point in the world of a submodel."""
     row_of = {photo: row for row, photo in enumerate(submodel.photo.tolist())}
     clicked: dict[str, tuple[int, int]] = {}
     for number, photo in enumerate(point.photo.tolist()):

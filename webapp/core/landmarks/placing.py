@@ -1,4 +1,4 @@
-"""Aligns a submodel with the map by its placed photos, which places the others.
+"""Aligns a submodel with the map by its placed photos, and proposes which to place next.
 
 A long submodel drifts, and a plan may not be to scale, so each photo has a similarity of its own, in which
 near placed photos weigh more (moving least squares: S. Schaefer, T. McPhail, J. Warren, "Image deformation
@@ -9,6 +9,7 @@ others.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -148,7 +149,6 @@ class PlanTransform:
         return MapPoint(complex(at[0]), complex(factor[0]), height, float(radius[-1]))
 
     def _known(self) -> PlacedPhotos:
-        """Return the placed photos, numbered from 0."""
         return PlacedPhotos(np.arange(len(self.at)), self.at, self.sigma_px, self.derived)
 
 
@@ -179,7 +179,6 @@ class NotAligned:
     photos: tuple[int, ...] = ()  # Numbers of the placed photos that the reason concerns
 
     def __bool__(self) -> bool:
-        """Return False: it is not on the map."""
         return False
 
 
@@ -472,3 +471,47 @@ def _weights(
         np.fill_diagonal(weight, 0.0)
     weight /= weight.sum(1, keepdims=True)
     return weight
+
+
+def propose_next(
+    submodels: Sequence[Submodel],
+    aligned: Sequence[AlignedSubmodel | NotAligned],
+    *,
+    known: KnownPositions,
+    most: int,
+) -> list[int]:
+    """Propose photos to place, the most useful first.
+
+    Submodels that are not on the map yet come first, the largest first: each needs two photos, far apart.
+    Then comes the most uncertain photo of each submodel that is on the map.
+    """
+    placed = np.isfinite(known.at)
+    missing: list[int] = []
+    for submodel, result in zip(submodels, aligned, strict=True):
+        if isinstance(result, NotAligned):
+            missing += _far_apart(submodel, placed[submodel.photo])
+    unsure = [
+        (float(radius), int(photo))
+        for submodel, result in zip(submodels, aligned, strict=True)
+        if isinstance(result, AlignedSubmodel)
+        for photo, radius in [_least_certain(submodel, result, placed[submodel.photo])]
+        if photo >= 0
+    ]
+    return [*missing, *(photo for _, photo in sorted(unsure, reverse=True))][:most]
+
+
+def _far_apart(submodel: Submodel, placed: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> list[int]:
+    """Choose the two photos that are farthest apart, or the one farthest from those that are placed."""
+    apart = np.linalg.norm(submodel.centre[:, None] - submodel.centre, axis=2)
+    if not placed.any():
+        return [int(n) for n in submodel.photo[list(np.unravel_index(apart.argmax(), apart.shape))]]
+    away = np.where(placed, -1.0, apart[:, placed].min(1))
+    return [int(submodel.photo[away.argmax()])] if away.max() > 0.0 else []
+
+
+def _least_certain(
+    submodel: Submodel, aligned: AlignedSubmodel, placed: np.ndarray[tuple[int], np.dtype[np.bool_]]
+) -> tuple[int, float]:
+    radius = np.where(placed, -1.0, aligned.radius_px)
+    row = int(radius.argmax())
+    return (int(submodel.photo[row]), float(radius[row])) if radius[row] >= 0.0 else (-1, 0.0)

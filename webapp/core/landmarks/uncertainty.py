@@ -57,9 +57,6 @@ def position_covariances(
     Returns:
         (f, 2, 2) float64 or None: None for no frames, for more than `MOST_CAMERAS`, and where the equations
             are singular.
-
-    Raises:
-        MissingPart: The extra `sfm` is not installed.
     """
     count = len(prior_sigma)
     if not 0 < count <= MOST_CAMERAS:

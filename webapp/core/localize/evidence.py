@@ -58,7 +58,6 @@ class Spots:
 
 
 def photo_spots(indexed: IndexedMap, photo: NDArray[np.int64]) -> Spots:
-    """Return the spots of (n,) photos."""
     return Spots(indexed.position[photo], indexed.area[photo], indexed.floor[photo])
 
 

@@ -240,7 +240,6 @@ def _supporting(
 def _relative_pose(
     pose: AbsolutePose, photo: int, *, inlier: NDArray[np.bool_], aligned: AlignedCloud
 ) -> RelativePose:
-    """Compute the relative pose to a photo of the cloud."""
     submodel = aligned.submodel_of(photo)
     row = int(np.flatnonzero(submodel.photo == photo)[0])
     rotation = submodel.rotation[row] @ pose.rotation.T

@@ -45,7 +45,6 @@ class VerifiedPhoto:
 
     @classmethod
     def by_votes(cls, listed: ShortlistedPhoto) -> VerifiedPhoto:
-        """Create an entry for a photo that has only votes."""
         no_rays, unknown = np.zeros((0, 3)), np.zeros(0)
         return cls(listed, NoPose("not verified"), no_rays, no_rays, unknown, unknown, (0.0, 0.0))
 
@@ -62,8 +61,6 @@ class VerifiedPhoto:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaceCandidate:
-    """A candidate place, without probability."""
-
     kind: Literal["position", "photo", "area"]  #
     position: MapPixel
     heading: float | None  # Radians
@@ -117,7 +114,6 @@ def estimate_places(
     """Cluster the photos of the shortlist into candidate places.
 
     Args:
-        further: Photos that have only votes.
         alike: (p,) float64. Standard scores of the map's photos by their global descriptors.
 
     Returns:

@@ -60,11 +60,6 @@ class PlaceSearch:
 def with_probabilities(
     indexed: IndexedMap, found: PlaceSearch, *, calibration: Calibration, top: int
 ) -> Answer:
-    """Add probabilities to the places found.
-
-    Args:
-        top: Maximum number of hypotheses.
-    """
     if not found.places:
         return found.answer
     probability, off_map = probabilities(found.evidence, calibration)
@@ -187,11 +182,7 @@ def _places_of(
     alike: NDArray[np.float64] | None,
     nowhere: Answer,
 ) -> PlaceSearch:
-    """Estimate the places of verified photos, those with most evidence first.
-
-    Args:
-        nowhere: The answer if there is none.
-    """
+    """Estimate the places of verified photos, those with most evidence first."""
     places = estimate_places(indexed, checked, further=unverified, alike=alike)
     evidence = _evidence_vectors(indexed, places, checked=[*checked, *unverified], alike=alike)
     order = np.argsort(-weigh(evidence, DEFAULT), kind="stable")
@@ -224,14 +215,7 @@ _MIN_ROLL_DEG = 5.0
 
 
 def _roll_correction(askew_deg: float) -> NDArray[np.float64]:
-    """Compute the rotation about the line of sight that levels the frame of a rolled query.
-
-    Args:
-        askew_deg: As from `mean_turn_deg`.
-
-    Returns:
-        (3, 3) float64
-    """
+    """Compute the rotation about the line of sight that levels the frame of a rolled query."""
     turn = math.radians(askew_deg) if abs(askew_deg) > _MIN_ROLL_DEG else 0.0
     cos, sin = math.cos(turn), math.sin(turn)
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])

@@ -22,10 +22,6 @@ from webapp.core.retrieval.indexed import Candidates, IndexedMap, candidates
 def localize(indexed: IndexedMap, query: Features, *, top: int, hide: Collection[int] = ()) -> Answer:
     """Localize a photo by its features.
 
-    Args:
-        top: Maximum number of hypotheses.
-        hide: Experience ids to leave out.
-
     Returns:
         One hypothesis per experience; without radius and off-map probability, which the method does not
             estimate. Without any match `no_pose` has the reason.

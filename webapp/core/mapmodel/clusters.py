@@ -23,9 +23,6 @@ def gather(positions: Mapping[int, MapPixel], *, radius_px: float) -> dict[int, 
 
     Returns:
         The mean of each cluster, by id; inside the hull of the positions.
-
-    Raises:
-        UsageError: The radius is not a positive finite number.
     """
     if not (math.isfinite(radius_px) and radius_px > 0):
         raise UsageError(f"{radius_px} is not a radius", hint="give a positive number of pixels")

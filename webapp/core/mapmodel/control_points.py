@@ -17,8 +17,6 @@ _MOST_HEIGHT_M = 20_000.0
 
 
 class PhotoClick(NamedTuple):
-    """Position of a control point in a photo."""
-
     photo: int  # Id of the photo
     # `x`, `y`: From the top left corner, as fractions of the width and height of the upright photo; 0 to 1.
     x: float

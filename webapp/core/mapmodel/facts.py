@@ -44,8 +44,6 @@ DESCRIPTION = TextForm(most=300)
 
 
 class FixedForm(Enum):
-    """A form that has nothing to choose."""
-
     HEADING = "degrees clockwise from north"
     TIME = "ISO 8601"
     BOXES = "parts of the photo: a tuple of BlurBox"

@@ -41,7 +41,6 @@ class PhotoSource:
 
     @property
     def credit(self) -> str:
-        """Credit line of the photo."""
         who = self.service if self.author is None else f"{self.author}, {self.service}"
         return f"© {who} ({self.licence})"
 

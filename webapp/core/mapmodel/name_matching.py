@@ -16,8 +16,6 @@ _MOST_PARTS = 10
 
 @dataclass(frozen=True, slots=True)
 class NameMatch:
-    """The photos that the names of a list refer to."""
-
     photo: dict[str, int]  # Id of the photo, by the list's name
     unknown: tuple[str, ...]  # Names that match no photo, or one that another name matches better
     # Names that match several photos equally well, or the same photo as another name.

@@ -19,8 +19,6 @@ MOST_NOTES = 1000
 
 @dataclass(frozen=True, slots=True)
 class MapNote:
-    """A note on a spot of a map."""
-
     id: int
     """Unique among the notes of the map."""
     title: str

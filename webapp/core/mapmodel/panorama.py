@@ -34,14 +34,11 @@ class Panorama:
     masked: tuple[BlurBox, ...] = ()  # Parts that are not used for recognition: the robot, the sky
 
     def views(self) -> tuple[LevelView, ...]:
-        """Return the level views into which it is cut."""
         return tuple(LevelView(round(360.0 * n / VIEWS), self.masked) for n in range(VIEWS))
 
 
 @dataclass(frozen=True, slots=True)
 class LevelView:
-    """A level perspective view of a panorama."""
-
     turn_deg: int  # Clockwise turn from the middle of the panorama
     masked: tuple[BlurBox, ...] = ()  # Masked parts of the panorama
 
@@ -66,7 +63,6 @@ def experience_of(id: int) -> int:
 
 
 def experiences_of(ids: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the ids of the experiences of photos or views."""
     return ids % _NUMBER
 
 

@@ -30,8 +30,6 @@ _KD_TREE = {"algorithm": 4}
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """A placed photo."""
-
     id: int
     # `east`, `north`: On the ground, metres; map pixels without a georeference.
     east: float

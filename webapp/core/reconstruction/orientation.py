@@ -17,11 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.geometry import so3
-from webapp.core.geometry.epipolar import sampson_error
 from webapp.core.geometry.extrinsics import MapExtrinsics, empty_depths
 from webapp.core.geometry.level_camera import LevelPrior
 from webapp.core.geometry.robust import cauchy, geman_mcclure
-from webapp.core.reconstruction.depths import triangulate_depths
+from webapp.core.reconstruction.depths import sampson_error, triangulate_depths
 from webapp.core.reconstruction.pairs import PhotoPairs, homogeneous
 from webapp.core.tuning import DEFAULT, ExtrinsicsTuning
 
@@ -265,7 +264,6 @@ class _Equations:
         return cls(np.zeros((photos, 4, 4)), np.zeros((photos, 4)))
 
     def add(self, photo: NDArray[np.int64], jacobian: Array, *, value: Array, strength: Array) -> None:
-        """Add the terms of matches to the equations of their photos."""
         count = len(self.vector)
         weighted = strength[:, None] * jacobian
         for row in range(4):

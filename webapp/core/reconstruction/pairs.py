@@ -44,7 +44,6 @@ class PhotoPairs:
     ray_second: NDArray[np.float32]
 
     def __len__(self) -> int:
-        """Count the pairs."""
         return len(self.first)
 
     def subset(
@@ -91,7 +90,6 @@ def homogeneous(ray: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 def concatenate(parts: Sequence[PhotoPairs]) -> PhotoPairs:
-    """Concatenate sets of pairs."""
     if not parts:
         return _empty()
     starts = np.cumsum([0, *(p.start[-1] for p in parts)])
@@ -123,7 +121,6 @@ def strongest_partners(pairs: PhotoPairs, *, photos: int, inliers: int) -> NDArr
     """Find for each photo the one with which it shares most inliers.
 
     Args:
-        photos: Number of photos in the map.
         inliers: Minimum number of inliers.
 
     Returns:

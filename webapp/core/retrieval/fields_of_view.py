@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.retrieval.engines.segment import Segment
+from webapp.core.retrieval.engines.types import Segment
 
 GUESSED_FOV_DEG = 65.0
 """Field of view along the longer side if nothing is known: between a webcam (60) and a telephone (70)."""

@@ -17,9 +17,8 @@ from webapp.core.geometry.extrinsics import MIN_TRUST, MapExtrinsics
 from webapp.core.geometry.relative_pose import Camera
 from webapp.core.hypotheses.places import MapKind
 from webapp.core.hypotheses.priors import PathPrior, fit_path_prior
-from webapp.core.retrieval.engines.segment import Segment
 from webapp.core.retrieval.engines.twostage import TwoStage
-from webapp.core.retrieval.engines.types import DescriptorSearch
+from webapp.core.retrieval.engines.types import DescriptorSearch, Segment
 from webapp.core.retrieval.global_descriptors import GlobalDescriptors
 from webapp.core.tuning import DEFAULT, Tuning
 
@@ -133,7 +132,6 @@ class IndexedMap:
         return any((s.photo_size == size).all(axis=1).any() for s in self.segments for size in sizes)
 
     def camera(self, photo: int) -> Camera:
-        """Build the camera of a photo that has features."""
         return Camera(*self.photo_size(photo), float(self.fov_deg[photo]))
 
     def ray_sigmas(self, sigma_px: float) -> NDArray[np.float64]:
@@ -184,7 +182,6 @@ def candidates(
 
     Args:
         descriptors: (n, d) uint8
-        hide: Experience ids to leave out, as if they were not in the map.
     """
     hidden = np.isin(indexed.ids, np.fromiter(hide, np.int64, len(hide)))
     search = indexed.search

@@ -70,7 +70,6 @@ def mean_turn_deg(indexed: IndexedMap, query: Features, *, found: Candidates) ->
 
     Args:
         query: If keypoints have no orientation, all angles are 0, and so is the rotation.
-        found: (n, k), as from `filter_by_rotation`.
 
     Returns:
         Degrees, -180 to 180: the weighted mean; 0 without neighbours.
@@ -84,7 +83,6 @@ def quarter_turns(indexed: IndexedMap, query: Features, *, nearest: Candidates, 
 
     Args:
         nearest: (n, k), before `filter_by_rotation`.
-        turn_deg: As from `mean_turn_deg`.
 
     Returns:
         0 to 3; 0 if it is not clear.
@@ -119,10 +117,6 @@ def weighted_votes(found: Candidates, photos: int) -> NDArray[np.float64]:
 
     Args:
         found: (n, k)
-        photos: Number of photos in the map.
-
-    Returns:
-        (photos,) float64
     """
     weight = np.maximum(_yardstick(found) - found.distance, 0.0)
     voted = found.photo >= 0
@@ -136,7 +130,6 @@ def shortlist(
 
     Args:
         votes: (p,) float64
-        most: Maximum number of photos.
 
     Returns:
         Most votes first; only photos with at least one match.
@@ -163,14 +156,7 @@ def shortlist(
 def rematch_with_network(
     indexed: IndexedMap, query: Features, *, listed: list[ShortlistedPhoto], matcher: PairMatcher
 ) -> list[ShortlistedPhoto]:
-    """Match the photos of a shortlist with the query by a network; their votes do not change.
-
-    Args:
-        matcher: For the map's features.
-
-    Returns:
-        In the same order.
-    """
+    """Match the photos of a shortlist with the query by a network; their votes do not change."""
     found = []
     for one in listed:
         photo = indexed.features(one.photo)
@@ -193,9 +179,6 @@ def standard_scores(
     indexed: IndexedMap, query: Features, *, hide: Collection[int]
 ) -> NDArray[np.float64] | None:
     """Compare a query with the map's photos by their global descriptors.
-
-    Args:
-        hide: Experience ids to leave out.
 
     Returns:
         (p,) float64 or None: As from `GlobalDescriptors.standard_scores`; None if map or query have no global
@@ -295,11 +278,7 @@ class Retrieved:
 
 
 def retrieve(indexed: IndexedMap, query: Features, *, hide: Collection[int] = ()) -> Retrieved:
-    """List the photos with most votes, and those most similar by global descriptors, if there are any.
-
-    Args:
-        hide: Experience ids to leave out.
-    """
+    """List the photos with most votes, and those most similar by global descriptors, if there are any."""
     tuning = indexed.tuning.retrieval
     nearest = candidates(indexed, query.descriptors, k=tuning.neighbours + 1, hide=hide)
     found = filter_by_rotation(indexed, query, found=nearest)

@@ -31,7 +31,6 @@ class AnswerRow:
 
     @property
     def latlon(self) -> LatLon | None:
-        """Latitude and longitude."""
         return None if self.lat is None or self.lon is None else LatLon(self.lat, self.lon)
 
 

@@ -78,9 +78,6 @@ def format_geojson(map_: Map, georeference: Georeference, *, title: str) -> Iter
 def write_collection(name: str, features: Iterable[Iterable[str]]) -> Iterator[bytes]:
     """Write a feature collection.
 
-    Args:
-        features: The text of each feature, in parts.
-
     Yields:
         UTF-8.
     """

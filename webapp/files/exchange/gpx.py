@@ -1,10 +1,10 @@
-"""GPX 1.0 and 1.1: a streaming reader of tracks, routes and waypoints, and the timed fixes of a track."""
+"""GPX 1.0 and 1.1: a streaming reader of tracks, routes and waypoints, and a walk as GPX."""
 
 from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import BinaryIO, Literal, NamedTuple
 from xml.etree.ElementTree import Element
@@ -13,7 +13,8 @@ from webapp.core.geo.types import LatLon
 from webapp.core.trajectory import FixTrack, make_track
 from webapp.errors import TrackError
 from webapp.files.exchange.times import unix_time
-from webapp.files.exchange.xml import child_text, local_name, number, walk
+from webapp.files.exchange.xml import DECLARATION, child_text, local_name, number, walk
+from webapp.files.exchange.xml import element as xml_element
 
 SUFFIX = ".gpx"
 
@@ -108,9 +109,6 @@ def parse_gpx(data: bytes) -> FixTrack:
 
     Fixes without a time or a valid latitude and longitude are left out; so are routes and waypoints.
 
-    Returns:
-        Has at least two fixes.
-
     Raises:
         TrackError: The file is too large or malformed, declares a document type (which can exhaust a reader's
             memory), or has fewer than two fixes with times.
@@ -192,3 +190,40 @@ def _waypoint(element: Element, count: int) -> GpxWaypoint:
 
 def _one_line(text: str) -> str:
     return " ".join(text.split())
+
+
+@dataclass(frozen=True, slots=True)
+class WalkPoint:
+    name: str
+    description: str  # What to do there
+    latlon: LatLon
+    heading_deg: float | None = None  # Where to look first, degrees clockwise from north
+
+
+def format_walk_gpx(points: Sequence[WalkPoint], *, title: str) -> Iterator[bytes]:
+    """Write a walk.
+
+    Yields:
+        UTF-8, GPX 1.1: each point as a waypoint and as a point of the only route.
+    """
+    for text in _pieces(points, title):
+        yield text.encode("utf-8", "replace")
+
+
+def _pieces(points: Sequence[WalkPoint], title: str) -> Iterator[str]:
+    yield DECLARATION
+    yield (
+        '<gpx version="1.1" creator="Experience Map" xmlns="http://www.topografix.com/GPX/1/1" '
+        f'xmlns:e="{NAMESPACE}">\n<metadata>{xml_element("name", title)}</metadata>\n'
+    )
+    yield from (_walk_point("wpt", point) for point in points)
+    yield f"<rte>{xml_element('name', title)}\n"
+    yield from (_walk_point("rtept", point) for point in points)
+    yield "</rte>\n</gpx>\n"
+
+
+def _walk_point(tag: str, point: WalkPoint) -> str:
+    inner = xml_element("name", point.name) + xml_element("desc", point.description)
+    if point.heading_deg is not None:
+        inner += f"<extensions><e:heading>{point.heading_deg:.0f}</e:heading></extensions>"
+    return f'<{tag} lat="{point.latlon.lat:.7f}" lon="{point.latlon.lon:.7f}">{inner}</{tag}>\n'

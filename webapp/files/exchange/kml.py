@@ -23,8 +23,6 @@ _OPEN = '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google
 
 @dataclass(frozen=True, slots=True)
 class Pictures:
-    """Pictures next to the KML in a KMZ."""
-
     # Path in the KMZ of the picture of each photo, by id.
     photos: Mapping[int, str] = field(default_factory=dict)
     ground: str | None = None  # Path in the KMZ of the satellite image
@@ -34,10 +32,6 @@ def format_kml(
     map_: Map, georeference: Georeference, *, title: str, pictures: Pictures | None = None
 ) -> Iterator[bytes]:
     """Write the photos and notes of a map as placemarks, with their floors as extended data.
-
-    Args:
-        title: Name of the map.
-        pictures: Pictures of a KMZ.
 
     Yields:
         UTF-8. Photos and notes without latitude and longitude are left out.
@@ -75,7 +69,6 @@ def point(at: LatLon, height_m: float | None = None) -> str:
 
 
 def picture_description(href: str, *, caption: str = "") -> str:
-    """Write a description that shows a picture."""
     # a description is HTML inside XML, so it is escaped twice
     about = f"<p>{html.escape(caption)}</p>" if caption else ""
     return element("description", f'{about}<img src="{html.escape(href)}" alt="">')

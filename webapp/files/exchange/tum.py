@@ -30,8 +30,6 @@ _IDENTITY = [0.0, 0.0, 0.0, 1.0]
 
 @dataclass(frozen=True, slots=True)
 class PlanarPose:
-    """A pose on a plane."""
-
     timestamp: float  # Seconds, or the number of the pose
     x: float
     y: float
@@ -39,14 +37,6 @@ class PlanarPose:
 
 
 def write(path: Path, poses: Iterable[PlanarPose], *, remarks: Iterable[str] = ()) -> None:
-    """Write a trajectory.
-
-    Args:
-        remarks: Comment lines for the top of the file, such as the frame and its unit.
-
-    Raises:
-        StorageError: The file cannot be written.
-    """
     lines = [f"# {remark}" for remark in (*remarks, "timestamp tx ty tz qx qy qz qw")]
     for pose in poses:
         if pose.yaw_rad is None:

@@ -50,7 +50,6 @@ class Guarded:
         self._attributes = 0
 
     def read(self, size: int) -> bytes:
-        """Read the next bytes."""
         data = self._file.read(size)
         self._check(data)
         return data

@@ -15,8 +15,6 @@ _TIME = (1980, 1, 1, 0, 0, 0)
 
 @dataclass(frozen=True, slots=True)
 class ZipMember:
-    """A file of a zip."""
-
     name: str  # In the zip, with forward slashes
     # A path is read only when it is written; pieces are consumed one by one.
     content: bytes | Path | Iterable[bytes]
@@ -28,9 +26,6 @@ def stream_zip(members: Iterable[ZipMember]) -> Iterator[bytes]:
     """Yield a zip of some files, piece by piece.
 
     Files given by path are stored, since photos are compressed already; bytes and pieces are deflated.
-
-    Raises:
-        OSError: A file cannot be read.
     """
     sink = _Sink()
     with zipfile.ZipFile(sink, "w", allowZip64=True) as archive:

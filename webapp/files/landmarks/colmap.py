@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.landmarks.rigid_parts import rigid_parts
-from webapp.core.landmarks.submodels import Submodel
+from webapp.core.landmarks.submodels import Submodel, rigid_parts
 from webapp.errors import IndexDamaged
 from webapp.extras import extra
 from webapp.files.atomic import storage_error
@@ -36,11 +35,7 @@ _MOST_OF_SIGACTION = 512
 
 
 def pycolmap() -> ModuleType:
-    """Import pycolmap and silence its log: a failure to join photos is a normal result.
-
-    Raises:
-        MissingPart: The extra `sfm` is not installed.
-    """
+    """Import pycolmap and silence its log: a failure to join photos is a normal result."""
     with extra("sfm"), _termination_kept():
         import pycolmap as module
     module.logging.minloglevel = int(module.logging.FATAL)
@@ -83,7 +78,6 @@ class Model:
 
 
 def as_model(reconstruction: Any) -> Model:
-    """Convert a pycolmap reconstruction to a `Model`."""
     images = sorted((reconstruction.image(i) for i in reconstruction.reg_image_ids()), key=lambda i: i.name)
     number = {image.image_id: row for row, image in enumerate(images)}
     shared = np.zeros((len(images), len(images)), np.int32)

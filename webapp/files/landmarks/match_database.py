@@ -26,8 +26,6 @@ _TRIALS = 2000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredPhoto:
-    """A photo in the database."""
-
     id: int
     camera: Any
     # (n, 2) float64. Its keypoints, pixels from the outer corner of the top-left pixel, as in COLMAP.
@@ -91,7 +89,6 @@ class MatchDatabase:
                 self._rigs[_lens_of(own[0])] = rig.rig_id, own
 
     def close(self) -> None:
-        """Close the file."""
         self._database.close()
 
     def add(self, content: str, features: Features, *, fov_deg: float, is_guessed: bool) -> StoredPhoto:

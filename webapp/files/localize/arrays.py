@@ -33,9 +33,6 @@ class OpenFile:
     """An open file from which several arrays are read, by several threads.
 
     It stays readable after its deletion; on Windows it cannot be deleted before it is closed.
-
-    Args:
-        repair: How to fix a damaged file, for errors.
     """
 
     def __init__(self, file: FileIO, *, repair: str) -> None:
@@ -45,11 +42,7 @@ class OpenFile:
         weakref.finalize(self, file.close)
 
     def read(self, offset: int, into: NDArray[Any]) -> None:
-        """Fill an array with the bytes from `offset` on.
-
-        Raises:
-            IndexDamaged: The file is too short, or cannot be read.
-        """
+        """Fill an array with the bytes from `offset` on."""
         left = into.reshape(-1).view(np.uint8).data
         with self._lock:
             try:
@@ -81,7 +74,6 @@ class FileRows:
         self._row_bytes = dtype.itemsize * int(np.prod(shape[1:]))
 
     def __len__(self) -> int:
-        """Count the rows."""
         return self.shape[0]
 
     def __getitem__(self, wanted: slice | NDArray[np.int64]) -> NDArray[Any]:
@@ -118,9 +110,6 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], *, meta: Mappin
     Args:
         path: May contain `{hash}`, which becomes the first 16 characters of the content's SHA-256.
         meta: JSON values for the header.
-
-    Returns:
-        Those 16 characters.
     """
     parts = _parts(arrays, meta)
     content = hashlib.sha256()
@@ -198,7 +187,6 @@ def present(path: Path) -> Path:
 def _read_some(
     path: Path, entries: list[dict[str, Any]], in_file: Collection[str]
 ) -> dict[str, NDArray[Any]]:
-    """Read the arrays of a file into memory, except those of `in_file`."""
     file = OpenFile(path.open("rb", buffering=0), repair=REPAIR)
     arrays: dict[str, NDArray[Any]] = {}
     for entry in entries:

@@ -26,8 +26,6 @@ TRIALS_FORMAT = 14
 
 @dataclass(frozen=True, slots=True)
 class StoredCalibration:
-    """A calibration and its inputs."""
-
     calibration: Calibration
     map_fov_deg: float | None  # The option for photos without a known field of view
     place_radius_px: float  # Distance within which a position counted as right
@@ -87,9 +85,6 @@ def recorded_trials(
 
     Trials survive if the process is killed; the file is kept, for a joint calibration of several looks.
     Raises StorageError.
-
-    Args:
-        key: Identifies all that the trials depend on.
     """
     known = _read(path, key)
     try:

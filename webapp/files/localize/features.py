@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.retrieval.engines.segment import PhotoEntry, Segment
+from webapp.core.retrieval.engines.types import PhotoEntry, Segment
 from webapp.core.retrieval.engines.vlad import Codebook
 from webapp.errors import IndexDamaged
 from webapp.files.localize.arrays import REPAIR, read_arrays, write_arrays

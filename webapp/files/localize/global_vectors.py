@@ -22,15 +22,12 @@ FORMAT = 1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredVectors:
-    """Vectors of photos."""
-
     contents: list[str]  # SHA-256 of the photo files
     vectors: NDArray[np.float16]  # (n, d) float16. In the same order.
     weights: str  # `GlobalDescriptor.weights` of the model
 
 
 def file_name(weights: str) -> str:
-    """Return the name of the file of a model's vectors."""
     return f"global-{weights}.arrays"
 
 

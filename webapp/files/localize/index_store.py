@@ -45,8 +45,6 @@ _BLOCKS = b"IwPf"
 
 @dataclass(frozen=True, slots=True)
 class PhotoRecord:
-    """A map photo at the time of its indexing."""
-
     photo: str  # Path as in the map
     # `bytes`, `mtime_ns`: Size and modification time of the file: the same values mean the same content.
     bytes: int
@@ -68,8 +66,6 @@ class SegmentRecord:
 
 @dataclass(frozen=True, slots=True)
 class Manifest:
-    """The contents of an index."""
-
     detector: str
     extractor: str
     extract: ExtractSettings
@@ -90,26 +86,21 @@ _OURS = frozenset({".features", ".ivf", ".vlad", ".codebook", ".tmp"})
 
 
 class IndexFolder:
-    """The files of one index."""
-
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.spool = folder / "spool"
         self.manifest_path = folder / "manifest.json"
 
     def segment_path(self, name: str) -> Path:
-        """Return the path of a segment's features."""
         return self.folder / f"{name}.features"
 
     def codes_path(self, name: str, *, codebook: str, engine: Engine) -> Path:
-        """Return the path of a segment's codes."""
         return self.folder / f"{name}-{codebook}.{engine}"
 
     def codebook_path(self, name: str) -> Path:
         return self.folder / f"{name}.codebook"
 
     def spool_path(self, content: str) -> Path:
-        """Return the path of one finished photo."""
         return self.spool / f"{content}.features"
 
     def remove_unfinished(self) -> None:
@@ -160,7 +151,6 @@ class IndexFolder:
         return IndexDamaged(f"the manifest {what}", where=str(self.manifest_path), hint=REPAIR)
 
     def write_manifest(self, manifest: Manifest) -> None:
-        """Replace the manifest."""
         atomic.write_bytes(self.manifest_path, sealed({"format": FORMAT, **asdict(manifest)}))
 
     def remove_unnamed(self, manifest: Manifest) -> None:
@@ -178,7 +168,6 @@ class IndexFolder:
             ) from error
 
     def _named(self, manifest: Manifest) -> set[Path]:
-        """List the files that a manifest names."""
         named = {self.codebook_path(manifest.codebook)}
         for segment in manifest.segments:
             codes = self.codes_path(segment.name, codebook=manifest.codebook, engine=manifest.engine)
@@ -249,7 +238,6 @@ def read_search_index(path: Path, kind: Kind, *, mapped: bool = True, digest: st
 
     Raises:
         StorageError: The file is an object, and the storage or the disk of the cache failed.
-        IndexDamaged
     """
     path = present(path)
     try:

@@ -1,20 +1,25 @@
-"""Weights of networks: their files, folder and hashes.
+"""Models of networks: their files, and the networks made of them.
 
 Published files are identified by their hash. Others are supplied by the user: only their name is fixed, and
-their hash becomes part of an index's name.
+their hash becomes part of an index's name. The global descriptor is `global.onnx`; `global.json` next to it
+states what the model does not: `width`, `height`, `mean` and `std` of its input.
 """
 
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
 from platformdirs import user_cache_path
 
+from webapp.core.detections import LpdYuNet, ObjectDetector, YuNet
 from webapp.core.features.entry import ModelFile, supplied_file
+from webapp.core.features.global_descriptor import GlobalDescriptor, InputForm, read_form
 from webapp.core.features.lightglue import PairMatcher
 from webapp.core.features.table import (
     BUNDLES,
@@ -26,7 +31,7 @@ from webapp.core.features.table import (
     Method,
     choose,
 )
-from webapp.errors import InputError, MissingPart, UsageError
+from webapp.errors import ExpMapError, InputError, MissingPart, StorageError, UsageError
 from webapp.extras import is_installed
 from webapp.files.atomic import read_bytes
 
@@ -143,9 +148,6 @@ def usable_methods(chosen: Path | None) -> list[Method]:
 def with_weights(choice: FeatureChoice, chosen: Path | None, *, method: Method) -> FeatureChoice:
     """Open the models that a method needs, and record the hash of a file that the user supplied.
 
-    Args:
-        chosen: Folder with the weights, instead of the user's cache.
-
     Raises:
         MissingPart: A file is not installed, or is not the expected one.
         InputError: The user's file holds another kind of network.
@@ -167,7 +169,6 @@ def network(model: str | None, chosen: Path | None, *, weights: str = "") -> obj
 
     Args:
         model: `FeatureChoice.model`; None if the features need none.
-        chosen: Folder with the weights, instead of the user's cache.
         weights: `FeatureChoice.weights`: the hash that a file supplied by the user must have.
 
     Raises:
@@ -183,10 +184,6 @@ def network(model: str | None, chosen: Path | None, *, weights: str = "") -> obj
 
 def pair_matcher(features: str, chosen: Path | None) -> PairMatcher:
     """Open the network that matches features of two photos, once per process.
-
-    Args:
-        features: `FeatureChoice.name`.
-        chosen: Folder with the weights, instead of the user's cache.
 
     Raises:
         UsageError: There is no network for these features.
@@ -219,11 +216,7 @@ def open_model(model: str, chosen: Path | None) -> object:
 
 
 def find_weights(model: str, chosen: Path | None) -> tuple[Path, ModelFile]:
-    """Find the installed file of a model; its content is not checked yet.
-
-    Raises:
-        MissingPart: There is none.
-    """
+    """Find the installed file of a model; its content is not checked yet."""
     file = installed(model, chosen)
     if file is None:
         hint = install_hint(MODELS[model][0])
@@ -242,12 +235,7 @@ def _matcher(model: str, path: Path, sha256: str) -> PairMatcher:
 
 
 def checked_weights(model: str, path: Path, *, sha256: str) -> bytes:
-    """Read a file of a model, and check its hash.
-
-    Raises:
-        MissingPart: The file has another hash.
-        StorageError
-    """
+    """Read a file of a model, and check its hash."""
     data = read_model(path)
     if hashlib.sha256(data).hexdigest() == sha256:
         return data
@@ -262,12 +250,6 @@ def checked_weights(model: str, path: Path, *, sha256: str) -> bytes:
 
 
 def read_model(path: Path) -> bytes:
-    """Read an ONNX file.
-
-    Raises:
-        InputError: It is larger than any such file can be.
-        StorageError: It cannot be read.
-    """
     if (_size(path) or 0) > _MOST_BYTES:
         raise InputError(
             f"it has more than {_MOST_BYTES / 1e9:.1f} GB, so it is not an ONNX file", where=path.name
@@ -280,3 +262,122 @@ def _size(path: Path) -> int | None:
         return path.stat().st_size
     except OSError:
         return None
+
+
+NETWORKS: dict[str, type[YuNet] | type[LpdYuNet]] = {"faces": YuNet, "plates": LpdYuNet}
+"""By model name."""
+
+
+@dataclass(frozen=True, slots=True)
+class BlurNetworks:
+    detectors: tuple[ObjectDetector, ...]
+    key: str  # Identifies the set of networks, and so their results
+    missing: tuple[str, ...]  # Models that are not installed
+
+
+def blur_networks(chosen: Path | None) -> BlurNetworks:
+    """Open the networks that detect faces and number plates, each once per process.
+
+    Raises:
+        MissingPart: None is installed, or a file is not the published one.
+        StorageError: A file cannot be read.
+    """
+    missing = missing_networks(chosen)
+    if len(missing) == len(NETWORKS):
+        raise MissingPart(
+            "no network that finds faces or number plates is installed",
+            where="models",
+            hint=f"the administrator of the server can install them: expmap models fetch {' '.join(missing)}",
+        )
+    files = {model: find_weights(model, chosen) for model in NETWORKS if model not in missing}
+    detectors = tuple(_opened(model, path, file.sha256) for model, (path, file) in files.items())
+    key = "-".join(file.sha256[:8] for _, file in files.values())
+    return BlurNetworks(detectors, key, missing)
+
+
+def missing_networks(chosen: Path | None) -> tuple[str, ...]:
+    return tuple(model for model in NETWORKS if installed(model, chosen) is None)
+
+
+@lru_cache(maxsize=2)
+def _opened(model: str, path: Path, sha256: str) -> ObjectDetector:
+    return NETWORKS[model](checked_weights(model, path, sha256=sha256))
+
+
+_State = tuple[int, int] | None
+"""Modification time and size of a file; None if it is missing."""
+
+
+def global_descriptor(chosen: Path | None) -> GlobalDescriptor | None:
+    """Open the model, once per process while its files do not change; None if there is none.
+
+    Raises:
+        InputError: The file holds another kind of network, or the JSON next to it is invalid.
+        MissingPart: onnxruntime is not installed.
+        StorageError: A file cannot be read.
+    """
+    model, form = global_model_paths(chosen)
+    seen = _state_of(model)
+    if seen is None:
+        return None
+    opened = _open(model, seen, _state_of(form))
+    if isinstance(opened, ExpMapError):
+        raise opened.with_traceback(None)
+    return opened
+
+
+def usable_global_descriptor(chosen: Path | None) -> GlobalDescriptor | None:
+    """Open the model; None if it is missing or unusable (`problem` returns why)."""
+    try:
+        return global_descriptor(chosen)
+    except (InputError, MissingPart, StorageError):
+        return None
+
+
+def global_model_problem(chosen: Path | None) -> str:
+    """Try the model; return a sentence why it is unusable, or an empty string (also if it is missing)."""
+    try:
+        network = global_descriptor(chosen)
+        if network is not None:
+            across = np.linspace(0, 255, network.width).astype(np.uint8)
+            network.describe(np.broadcast_to(across[None, :, None], (network.height, network.width, 3)))
+    except (InputError, MissingPart, StorageError) as error:
+        return str(error)
+    return ""
+
+
+def global_model_paths(chosen: Path | None) -> tuple[Path, Path]:
+    """Return the paths of the model and of the JSON about its input."""
+    path = models_folder(chosen) / MODELS["global"][0].name
+    return path, path.with_suffix(".json")
+
+
+@lru_cache(maxsize=2)
+def _open(model: Path, seen: _State, form_seen: _State) -> GlobalDescriptor | ExpMapError:
+    """Open the files in the state seen; errors are returned, so that they are cached, too."""
+    try:
+        data = read_model(model)
+        form = _form(model.with_suffix(".json")) if form_seen is not None else InputForm()
+        weights = hashlib.sha256(hashlib.sha256(data).digest() + repr(form).encode()).hexdigest()[:16]
+        return GlobalDescriptor(data, file=model.name, form=form, weights=weights)
+    except (InputError, MissingPart, StorageError) as error:
+        return error
+
+
+def _form(path: Path) -> InputForm:
+    try:
+        return read_form(json.loads(read_bytes(path)))
+    except (ValueError, RecursionError) as error:
+        reason = "it is not JSON" if isinstance(error, json.JSONDecodeError | UnicodeError) else str(error)
+        hint = (
+            'as in {"width": 322, "height": 322, "mean": [0.485, 0.456, 0.406], "std": [0.229, 0.224, 0.225]}'
+        )
+        raise InputError(reason, where=path.name, hint=hint) from error
+
+
+def _state_of(path: Path) -> _State:
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size

@@ -19,8 +19,6 @@ FORMAT = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredPairs:
-    """Pairs of photos by content."""
-
     pairs: PhotoPairs  # Their photos are indices into `contents`
     contents: list[str]  # SHA-256 of the photo files
     done: int  # The first `done` photos have been paired; a search for partners resumes after them

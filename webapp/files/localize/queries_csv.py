@@ -21,8 +21,6 @@ _NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """A photo and its true position."""
-
     name: str  # Its path as written in the list
     path: Path  # The same, joined with the folder of the list
     truth: MapPixel  # May lie outside the map's image, for a photo that was not taken on the map
@@ -33,9 +31,6 @@ def read(path: Path) -> list[Query]:
 
     A byte order mark, CRLF line ends and blank lines at the end are accepted, no other deviation.
     Paths are relative to the folder of the list and may leave it; the photos are not opened.
-
-    Returns:
-        At least one, in the order of the file.
 
     Raises:
         TableError: The file cannot be read, or breaks the format at a line and column.
@@ -69,9 +64,6 @@ def select(items: Sequence[T], limit: int | None) -> list[T]:
 
     Args:
         limit: None, or at least the number of items, takes all.
-
-    Raises:
-        UsageError: The limit is below 1.
     """
     if limit is None or limit >= len(items):
         return list(items)

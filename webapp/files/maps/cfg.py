@@ -49,11 +49,6 @@ def parse_cfg(data: str | bytes, *, where: str | None = None) -> CfgDocument:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Read the bytes of a map file.
-
-    Raises:
-        MapError: The file is missing, unreadable, or too large to be a map.
-    """
     try:
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
@@ -72,12 +67,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_cfg(path: Path) -> CfgDocument:
-    """Read a `.cfg` file strictly; without the files next to it (see `folder.read_map`).
-
-    Raises:
-        CfgError: Raised by `parse_cfg`.
-        MapError: Raised by `read_bytes`.
-    """
+    """Read a `.cfg` file strictly; without the files next to it (see `folder.read_map`)."""
     return parse_cfg(read_bytes(path), where=str(path))
 
 
@@ -89,9 +79,6 @@ def format_cfg(map_: Map, *, like: CfgDocument | None = None) -> bytes:
         like: Its lines whose values have not changed, its byte order mark, line ends and trailing blank lines
             are kept: an unchanged document gives identical bytes. Without it the form is canonical: no byte
             order mark, LF after every line, no spaces around columns.
-
-    Returns:
-        UTF-8.
 
     Raises:
         MapError: A name or number that a `.cfg` cannot hold, a position outside the image, or a duplicate id.

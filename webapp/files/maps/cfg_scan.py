@@ -37,11 +37,7 @@ class CfgFieldError(Exception):
 
 
 def parse_name(text: str) -> str:
-    """Read the path of a photo or image.
-
-    Raises:
-        CfgFieldError: The path is empty, invalid, or leaves the map's folder.
-    """
+    """Read the path of a photo or image."""
     problem = name_problem(text)
     if problem:
         raise CfgFieldError(problem.code, problem.message, better=problem.better)
@@ -247,7 +243,6 @@ def _is_photo(row: _Row) -> bool:
 
 
 def _count_fault(row: _Row) -> Finding | None:
-    """Find a wrong number of columns."""
     grammar = "image;width;height" if row.number == 1 else "id;photo;x;y"
     wanted, have = grammar.count(";") + 1, row.text.count(";") + 1
     if have == wanted:

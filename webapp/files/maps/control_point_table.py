@@ -52,11 +52,7 @@ class PointRow:
 
 
 def read_rows(path: Path) -> list[PointRow]:
-    """Read a table with any delimiter, whose first line names the columns, in any order; or ODM's list.
-
-    Raises:
-        TableError: Names the file and line.
-    """
+    """Read a table with any delimiter, whose first line names the columns, in any order; or ODM's list."""
     data = read_bytes(path, error=TableError)
     lines = [(f"{path}:{n}", line) for n, line in numbered_lines(io.BytesIO(data)) if line.strip()]
     if not lines:

@@ -148,11 +148,7 @@ def write_map(cfg_path: Path, map_: Map, *, from_gps: Collection[int] = ()) -> N
 
 
 def placed_map(map_: Map, placement: Placement) -> Map:
-    """Return the map that a placement's own `.cfg` holds.
-
-    Raises:
-        MapError: The placement has an id that the map does not have.
-    """
+    """Return the map that a placement's own `.cfg` holds."""
     at = placement.positions
     unknown = sorted(set(at) - {e.id for e in map_.experiences})
     if unknown:
@@ -200,7 +196,6 @@ def _exact(whole: MapPixel, exact: MapPixel | None, map_: Map) -> MapPixel:
 def _read_placement(
     cfg_path: Path, map_: Map, *, name: str, exact: Mapping[int, MapPixel], photos: Mapping[int, str]
 ) -> Placement:
-    """Read a placement; `photos` has those of the map by id."""
     path = placement_path(cfg_path, name)
     placed = read_cfg(path).map
     if placed.satellite != map_.satellite:
@@ -219,11 +214,6 @@ def _read_placement(
 
 
 def boxes_in_file(folder: Path, the_map: Map, *, file: Path) -> tuple[BlurBox, ...]:
-    """Return the boxes that are blurred in a file if it is a photo of a map.
-
-    Args:
-        folder: Folder of the map.
-    """
     everyone: list[Experience | UnplacedPhoto] = [*the_map.experiences, *the_map.unplaced]
     photos = [one for one in everyone if one.blurred]
     if not photos:

@@ -24,8 +24,7 @@ from webapp.core.mapmodel.model import (
 from webapp.errors import GeoreferenceError, MapError, MapJsonError
 from webapp.files.json_fields import JsonField, by_id, finite, parse_json
 from webapp.files.maps.facts import fact_fields, parse_facts
-from webapp.files.maps.floors import check_floors_of
-from webapp.files.maps.lists import LISTS
+from webapp.files.maps.lists import LISTS, check_floors_of
 
 FORMAT = "experience-map"
 VERSION = 1

@@ -87,7 +87,6 @@ def read_table(data: bytes, columns: str | None, *, where: str, formats: str) ->
 
     Args:
         columns: Meaning of the columns; None to guess it from the header.
-        formats: What can be read, for errors.
 
     Raises:
         TableError, TrackError: It is malformed, with the line.
@@ -226,8 +225,6 @@ def _plain(cell: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """Reads rows of a table."""
-
     columns: Columns
     delimiter: str
     in_plane: bool  # Whether the table states a coordinate system: numbers are east and north in it

@@ -45,8 +45,6 @@ _BUDGET = Budget(memory_mb=300.0, cpu_s=10.0, wait_s=60.0)
 
 @dataclass(frozen=True, slots=True)
 class Positions:
-    """Positions of photos, by their names in the list."""
-
     by_name: Mapping[str, LatLon | MapPixel]  # Paths with forward slashes; all values of one kind
     # Size of the image to which pixels refer (from a `.cfg`); None for degrees and if unknown.
     image_size: tuple[int, int] | None = None
@@ -71,9 +69,6 @@ class Positions:
         """Find the position of a photo by its path, or else by its file name if that is unique in the list.
 
         The list may leave out the suffixes of file names.
-
-        Args:
-            name: Path with forward slashes.
         """
         entry = self._entry(name)
         return None if entry is None else self.by_name[entry]
@@ -151,7 +146,6 @@ def _positions(entries: Sequence[ListedPosition], repeated: tuple[str, ...] = ()
 
 
 def is_geopackage(path: Path) -> bool:
-    """Return whether a file is a database."""
     try:
         with path.open("rb") as file:
             return file.read(len(geopackage.MAGIC)) == geopackage.MAGIC

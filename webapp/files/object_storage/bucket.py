@@ -1,4 +1,4 @@
-"""A bucket of an S3 server, accessed by boto3, whose errors are converted to those of the program."""
+"""A bucket of an S3 server, accessed by boto3; a watcher may count the requests."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from http import HTTPStatus
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, Protocol
 from urllib.parse import urlsplit
 
 from webapp.errors import (
@@ -27,7 +27,6 @@ from webapp.errors import (
 )
 from webapp.extras import extra
 from webapp.files.atomic import storage_error
-from webapp.files.object_storage.watch import Operation, asking
 
 _log = logging.getLogger(__name__)
 
@@ -57,8 +56,6 @@ _DAMAGED = "BadDigest"
 
 @dataclass(frozen=True, slots=True)
 class StoredObject:
-    """An object in a listing."""
-
     key: str  # Without the prefix
     bytes: int
     changed_at: datetime
@@ -74,7 +71,6 @@ class Bucket:
 
     Raises:
         UsageError: The address is malformed, or boto3 cannot use the configuration that it finds.
-        MissingPart
     """
 
     def __init__(self, url: str, *, timeout_s: float = TIMEOUT_S) -> None:
@@ -121,7 +117,6 @@ class Bucket:
             self._probe.list_objects_v2(Bucket=self._bucket, Prefix=self._prefix, MaxKeys=1)
 
     def delete(self, key: str) -> None:
-        """Delete an object if it exists."""
         with self._asking("delete", key):
             self._client.delete_object(Bucket=self._bucket, Key=self._prefix + key)
 
@@ -302,3 +297,42 @@ def _refusal(response: dict[str, Any], *, key: str, url: str) -> ExpMapError:
             "the object storage is overloaded or out of order", wait_s=_WAIT_S, hint="try again in a moment"
         )
     return StorageError(f"the object storage refused the request: {code or status}", where=url)
+
+
+Operation = Literal["get", "put", "delete", "list", "probe"]
+
+
+class StorageWatcher(Protocol):
+    """Counts requests and look-ups; called by any thread."""
+
+    def asked(self, operation: Operation, seconds: float, *, failed: bool) -> None:
+        """Record a request: for an object, possibly in several parts, or for a page of a listing."""
+
+    def looked_up(self, *, found: bool) -> None:
+        """Record a look-up of an object in the cache, and whether it was found."""
+
+
+_watchers: list[StorageWatcher] = []
+"""The watcher of this process, if any."""
+
+
+def watch(watcher: StorageWatcher | None) -> None:
+    """Report to this watcher from now on; None stops reporting."""
+    _watchers[:] = [] if watcher is None else [watcher]
+
+
+@contextmanager
+def asking(operation: Operation) -> Iterator[None]:
+    """Report the request in the block."""
+    begun, failed = time.perf_counter(), True
+    try:
+        yield
+        failed = False
+    finally:
+        for watcher in _watchers:
+            watcher.asked(operation, time.perf_counter() - begun, failed=failed)
+
+
+def report_look_up(*, found: bool) -> None:
+    for watcher in _watchers:
+        watcher.looked_up(found=found)

@@ -1,4 +1,4 @@
-"""A cache of objects on the disk of this machine, up to a size limit.
+"""Objects cached on the disk of this machine, up to a size limit, and the pointers to them.
 
 ::
 
@@ -11,6 +11,8 @@ Files that a process has mapped are not evicted, either: deleting them would fre
 
 from __future__ import annotations
 
+import errno
+import json
 import math
 import os
 import secrets
@@ -19,14 +21,14 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from filelock import FileLock, Timeout
 
 from webapp.errors import ObjectLost, StorageError
-from webapp.files.atomic import storage_error
-from webapp.files.object_storage.pointer import Pointer
-from webapp.files.object_storage.watch import report_look_up
+from webapp.files.atomic import storage_error, write_text
+from webapp.files.object_storage.bucket import report_look_up
 from webapp.files.part_file import sha256_of
 
 STAYS_S = 300.0
@@ -66,10 +68,6 @@ class ObjectCache:
 
     def path(self, pointer: Pointer, *, name: str, fetch: Callable[[Path], None]) -> Path:
         """Return the local copy of an object; fetch it if it is missing.
-
-        Args:
-            name: Name of the file.
-            fetch: Writes the object to a new file.
 
         Returns:
             Readable for at least `stays_s`.
@@ -241,3 +239,48 @@ def mapped_names(folder: Path) -> set[str]:
                 if path and path[0].startswith(inside):
                     found.add(os.fsdecode(path[0].rpartition(b"/")[2]))
     return found
+
+
+SUFFIX = ".object"
+
+
+@dataclass(frozen=True, slots=True)
+class Pointer:
+    """A stored file: its object, and its properties when it was stored."""
+
+    key: str  # Of the object, below the prefix of the storage; unique for each upload
+    sha256: str  # Of the content
+    # `bytes`, `mtime_ns`: Size and modification time of the file.
+    bytes: int
+    mtime_ns: int
+
+
+def pointer_path(path: Path) -> Path:
+    """Return the path of a file's pointer: hidden, next to it, so that it moves with the map's folder."""
+    return path.with_name(f".{path.name}{SUFFIX}")
+
+
+def pointed_path(pointer: Path) -> Path:
+    """Return the path of the file that a pointer replaces."""
+    return pointer.with_name(pointer.name[1 : -len(SUFFIX)])
+
+
+def read_pointer(path: Path) -> Pointer | None:
+    place = pointer_path(path)
+    try:
+        return Pointer(**json.loads(place.read_bytes()))
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            return None  # no pointer of that name can exist in this file system
+        raise StorageError(f"the file cannot be read: {error.strerror}", where=str(place)) from error
+    except (ValueError, TypeError) as error:
+        raise StorageError(
+            "this pointer to an object is damaged", where=str(place), hint="copy it from a backup"
+        ) from error
+
+
+def write_pointer(path: Path, pointer: Pointer) -> None:
+    """Write or replace the pointer of a file atomically. Raises StorageError."""
+    write_text(pointer_path(path), json.dumps(asdict(pointer)))

@@ -1,4 +1,4 @@
-"""Objects in a bucket, with a local cache."""
+"""Objects in a bucket, with a local cache; the file of a library that names its storage."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from pathlib import Path
 
 from webapp.errors import ObjectLost, StorageError, StorageUnavailable
 from webapp.files.object_storage.bucket import Bucket
-from webapp.files.object_storage.cache import ObjectCache
-from webapp.files.object_storage.pointer import Pointer
+from webapp.files.object_storage.cache import ObjectCache, Pointer
 from webapp.files.part_file import sha256_of
+from webapp.settings import Settings
 
 _log = logging.getLogger(__name__)
 
@@ -35,7 +35,6 @@ class ObjectStorage:
         Raises:
             StorageError: The disk failed, or the file changed meanwhile; nothing refers to an object stored
                 anyway.
-            StorageUnavailable, DiskFull
         """
         facts = file.stat()
         sha256 = sha256_of(file)
@@ -78,7 +77,6 @@ class ObjectStorage:
 
 
 def _check_unchanged(file: Path, before: os.stat_result) -> None:
-    """Refuse a file that has changed."""
     now = file.stat()
     if (now.st_size, now.st_mtime_ns, now.st_ino) != (before.st_size, before.st_mtime_ns, before.st_ino):
         raise StorageError(
@@ -86,3 +84,38 @@ def _check_unchanged(file: Path, before: os.stat_result) -> None:
             where=str(file),
             hint="try again when it is complete",
         )
+
+
+MARKER = "object-storage"
+"""File in `.library`: the address of the storage, and the library's name in the storage."""
+
+_INNER = ".library"  # as in `webapp.store.library`, which map commands do not load
+
+
+def read_marker(inner: Path) -> tuple[str | None, str | None]:
+    """Read the address of a library's storage, and the library's name in it; None where missing."""
+    marker = inner / MARKER
+    lines = marker.read_text("utf-8").split() if marker.is_file() else []
+    address, owner = [*lines, None, None][:2]
+    return address, owner
+
+
+def check_marker(inner: Path, settings: Settings) -> bool:
+    """Return whether a library has a storage, and check that it is the one of the settings."""
+    address = read_marker(inner)[0]
+    if address is not None and address != settings.storage:
+        raise StorageError(
+            "the photos of this library are in an object storage",
+            where=str(inner.parent),
+            hint=f"set EXPMAP_STORAGE: {address}",
+        )
+    return address is not None
+
+
+def library_with_objects(path: Path) -> Path | None:
+    """Return the folder `.library` of the library with a storage that a path is in; None elsewhere."""
+    for folder in path.absolute().parents:
+        if (folder / _INNER / MARKER).is_file():
+            return folder / _INNER
+    resolved = path.resolve()
+    return None if resolved == path.absolute() else library_with_objects(resolved)

@@ -1,8 +1,9 @@
-"""A photo: its metadata, and its upright pixels."""
+"""A photo: its metadata, its upright pixels, and small pictures of it without EXIF, for privacy."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from threading import BoundedSemaphore
@@ -16,9 +17,23 @@ from webapp.core.blur import blur
 from webapp.core.boxes import BlurBox
 from webapp.core.texts import tidy_name
 from webapp.errors import PhotoError
+from webapp.files.atomic import write_bytes
 from webapp.files.decode import Pixels, check_bytes, decode, open_image
-from webapp.files.photos.exif import Fov, fov_note, orientation, read_exif, read_fov, read_time, text
-from webapp.files.photos.exif_gps import EXIF, Gps, Heading, NoGps
+from webapp.files.listing import DERIVED
+from webapp.files.part_file import discard
+from webapp.files.photos.exif import (
+    EXIF,
+    Fov,
+    Gps,
+    Heading,
+    NoGps,
+    fov_note,
+    orientation,
+    read_exif,
+    read_fov,
+    read_time,
+    text,
+)
 from webapp.files.photos.xmp import locate, panorama_notes, read_xmp
 from webapp.settings import PhotoLimits
 from webapp.threads import permit
@@ -88,11 +103,6 @@ class GrayPhoto:
 
 
 def read_file(path: Path, *, limits: PhotoLimits) -> bytes:
-    """Read the whole file of a photo.
-
-    Raises:
-        PhotoError: The file is missing, not a file, empty, unreadable, or exceeds the limit.
-    """
     try:
         check_bytes(path, limits)
         return path.read_bytes()
@@ -106,9 +116,6 @@ def read_facts(source: Path | bytes, *, limits: PhotoLimits) -> PhotoFacts:
     """Read the metadata of a photo from its header.
 
     Damaged or odd EXIF is left out and noted. Truncation after the header is not detected.
-
-    Args:
-        source: A file, or its content.
 
     Raises:
         PhotoError: The file is missing, not an image of a known format, exceeds the limits, or its header is
@@ -155,9 +162,6 @@ def read_upright(source: Path | bytes, *, limits: PhotoLimits, max_side: int | N
 
     Returns:
         (h, w, 3) uint8: Blue, green, red.
-
-    Raises:
-        PhotoError: As for `read_facts`, or the pixels are damaged or truncated.
     """
     pixels, _ = _scaled(_read(source, "RGB", limits=limits), max_side)
     return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), dtype=np.uint8)
@@ -185,9 +189,6 @@ def read_gray(source: Path | bytes, *, limits: PhotoLimits, max_side: int | None
     Args:
         source: A file, or its content; of several frames or pages, the first is read.
         max_side: Scale down to this many pixels on the longer side; never up.
-
-    Raises:
-        PhotoError: As for `read_facts`, or the pixels are damaged or truncated.
     """
     return scaled_gray(_read(source, "L", limits=limits), max_side)
 
@@ -235,3 +236,73 @@ def _scaled(pixels: Pixels, max_side: int | None) -> tuple[Pixels, float]:
         return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), dtype=np.uint8), scale
     small = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     return np.asarray(small, dtype=np.uint8), scale
+
+
+Kind = Literal["thumb", "preview"]
+
+SIDES: Mapping[Kind, int] = {"preview": 1600, "thumb": 256}
+"""Pixels of the longer side, the larger first; a smaller photo is not scaled up."""
+
+_SUFFIX: Mapping[Kind, str] = {"preview": ".jpg", "thumb": ".webp"}
+"""WebP saves a third of the bytes; but a large picture takes 0.1 s, thirty times as long as JPEG."""
+_ENCODING: Mapping[Kind, tuple[int, int]] = {
+    "preview": (cv2.IMWRITE_JPEG_QUALITY, 85),
+    "thumb": (cv2.IMWRITE_WEBP_QUALITY, 65),
+}
+
+
+def make_previews(source: Path, *, limits: PhotoLimits, blurred: Sequence[BlurBox] = ()) -> dict[Kind, bytes]:
+    """Decode a photo completely and make its previews.
+
+    Raises:
+        PhotoError: It is not a photo, is damaged or truncated, or exceeds the limits.
+        Busy: Too many others are being decoded.
+    """
+    found: dict[Kind, bytes] = {}
+    pixels = blur(read_in_turn(source, limits=limits, max_side=max(SIDES.values())), blurred)
+    for kind, side in SIDES.items():
+        height, width = pixels.shape[:2]
+        scale = side / max(height, width)
+        if scale < 1.0:
+            size = (max(1, round(width * scale)), max(1, round(height * scale)))
+            pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
+        done, data = cv2.imencode(_SUFFIX[kind], pixels, _ENCODING[kind])
+        assert done, "a picture of at most 1600 pixels can always be written"
+        found[kind] = data.tobytes()
+    return found
+
+
+def blur_key(blurred: Sequence[BlurBox]) -> str | None:
+    """Return a key of the blurred boxes; None if there are none."""
+    return hashlib.sha256(repr(list(blurred)).encode()).hexdigest()[:12] if blurred else None
+
+
+def preview_name(stem: str, kind: Kind, *, blurred: Sequence[BlurBox] = ()) -> str:
+    """Return the file name of a preview, which depends on the blurred boxes.
+
+    A preview made before the photo was blurred, but written afterwards, is thus not taken for a blurred one.
+    """
+    look = blur_key(blurred)
+    return f"{f'{stem}-{look}' if look else stem}-{SIDES[kind]}{_SUFFIX[kind]}"
+
+
+def previews_folder(folder: Path) -> Path:
+    """Return the folder of the previews of a map's or a mission's photos, in its own folder."""
+    return folder / DERIVED / "previews"
+
+
+def preview_path(
+    map_folder: Path, photo_id: int | str, *, kind: Kind, blurred: Sequence[BlurBox] = ()
+) -> Path:
+    return previews_folder(map_folder) / preview_name(f"{photo_id}", kind, blurred=blurred)
+
+
+def write_previews(
+    folder: Path, stem: str, *, previews: Mapping[Kind, bytes], blurred: Sequence[BlurBox] = ()
+) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for kind, data in previews.items():
+        path = folder / preview_name(stem, kind, blurred=blurred)
+        write_bytes(path, data)
+        if path.suffix != ".jpg":
+            discard(path.with_suffix(".jpg"))  # its name in version 0.7.0

@@ -14,8 +14,7 @@ from webapp.errors import MapJsonError
 from webapp.files.decode import PHOTO_SUFFIXES
 from webapp.files.json_fields import parse_json
 from webapp.files.listing import DERIVED, list_files
-from webapp.files.photos.exif import number
-from webapp.files.photos.exif_gps import Gps, NoGps, agree, read_gps
+from webapp.files.photos.exif import Gps, NoGps, agree, number, read_gps
 from webapp.files.photos.photo import PhotoFacts
 from webapp.files.photos.xmp import MAX_BYTES, locate, parse_xmp
 
@@ -74,7 +73,6 @@ class Sidecars:
         return self._of_photo.get(photo, ())
 
     def photo_of(self, name: str) -> str | None:
-        """Return the photo that a file belongs to."""
         return self._photo_of.get(name)
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from PIL import Image
 
 from webapp.errors import TrackError
-from webapp.files.photos.exif_gps import ABSENT, Gps, Heading, NoGps, read_gps, read_heading
+from webapp.files.photos.exif import ABSENT, Gps, Heading, NoGps, read_gps, read_heading
 
 MAX_BYTES = 2_000_000
 """Of a packet; those with a long history of edits have a few hundred kilobytes."""
@@ -49,7 +49,6 @@ class Xmp:
     note: str | None = None  # A sentence if it is damaged
 
     def __bool__(self) -> bool:
-        """Return whether it has a property."""
         return bool(self.properties)
 
     def exif(self, name: str) -> str:
@@ -111,11 +110,7 @@ class PhotoPlace:
 
 
 def locate(tags: Mapping[int, object], xmp: Xmp) -> PhotoPlace:
-    """Find position and heading: in the GPS IFD of EXIF, else in the EXIF of XMP, else in what a drone wrote.
-
-    Args:
-        tags: Of the GPS IFD.
-    """
+    """Find position and heading: in the GPS IFD of EXIF, else in EXIF within XMP, else by a drone."""
     gps, heading = read_gps(tags), read_heading(tags)
     if not xmp:
         return PhotoPlace(gps, heading)
@@ -200,7 +195,6 @@ def panorama_notes(xmp: Xmp, *, width: int, height: int, has_fov: bool) -> tuple
     """Return sentences about a photo that is, or may be, a panorama but is not taken for one as it is.
 
     Args:
-        width, height: Of the upright photo, pixels.
         has_fov: Whether its EXIF says its field of view, as for photos of one shot.
     """
     ratio = max(width, height) / min(width, height)

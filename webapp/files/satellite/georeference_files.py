@@ -17,10 +17,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from webapp.core.geo.controlpoints import ControlPoint, from_control_points
-from webapp.core.geo.corners import Corners
 from webapp.core.geo.crs import WGS84, crs_name, latlon_from_plane
-from webapp.core.geo.fit import GeoreferenceFit, check_on_image, check_positions
+from webapp.core.geo.fit import (
+    ControlPoint,
+    Corners,
+    GeoreferenceFit,
+    check_on_image,
+    check_positions,
+    from_control_points,
+)
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import GeoreferenceError, MapJsonError, TableError, TrackError
@@ -56,9 +61,6 @@ def read_corners(path: Path) -> Corners:
     """Read a corners file.
 
     Besides the corners it may only hold a `note`.
-
-    Raises:
-        GeoreferenceError: With the JSON path of the field, or line and column of a syntax error.
     """
     return parse_corners(read_bytes(path, error=GeoreferenceError), where=str(path))
 
@@ -98,12 +100,6 @@ def read_control_points(path: Path) -> list[ControlPoint]:
     Args:
         path: Semicolon table with the header `x;y;lat;lon`: pixels right of and below the image's outer
             top-left corner, degrees north and east; or points of QGIS (`.points`).
-
-    Returns:
-        At least one.
-
-    Raises:
-        TableError: The file cannot be read or is malformed, with the line.
     """
     qgis = _qgis_points(read_text(path, error=TableError).splitlines(), where=str(path))
     if qgis is not None:
@@ -190,12 +186,8 @@ def read_worldfile(path: Path, *, width: int, height: int, crs: str | None = Non
     """Read a world file.
 
     Args:
-        width, height: Size of the image, pixels.
         crs: Coordinate system of the numbers. Default: the one of the `.prj` next to it, else EPSG:4326
             (degrees of longitude and latitude), if the numbers are in its range.
-
-    Returns:
-        Without residuals.
 
     Raises:
         GeoreferenceError: The file cannot be read, does not hold six numbers, has no plausible coordinate
@@ -211,8 +203,6 @@ def parse_worldfile(
     """Parse the content of a world file; see `read_worldfile`.
 
     Args:
-        where: Name of the file, for errors.
-        width, height: Size of the image, pixels.
         crs: Default: EPSG:4326, if the numbers are in its range.
     """
     a, d, b, e, c, f = _six_numbers(text, where)
@@ -266,9 +256,6 @@ def _check_degrees(matrix: np.ndarray, where: str, *, width: int, height: int) -
 
 def read_geotiff(path: Path, *, crs: str | None = None) -> GeoreferenceFit:
     """Read the georeference of a GeoTIFF.
-
-    Args:
-        crs: Overrides the coordinate system of the file.
 
     Returns:
         The exact transform (without residuals), or if there is none, a least-squares fit to the ground

@@ -34,11 +34,6 @@ def write_pyramid(raster: Raster, folder: Path, *, progress: Progress) -> None:
     Args:
         folder: Appears once it is complete; an interrupted run starts again. If it exists, nothing is done.
         progress: One step per strip of the image.
-
-    Raises:
-        DiskFull, StorageError: Writing failed.
-        PhotoError: The image is damaged.
-        Cancelled
     """
     if folder.is_dir():
         return

@@ -1,4 +1,4 @@
-"""Reads large images strip by strip, converted to 8-bit colours.
+"""Reads large images strip by strip, resamples them, and writes those of a map.
 
 With rasterio (the extra `geotiff`), memory does not depend on their size. Without it, TIFFs cannot be read,
 and other images are decoded as a whole.
@@ -6,6 +6,7 @@ and other images are decoded as a whole.
 
 from __future__ import annotations
 
+import hashlib
 import math
 import warnings
 from collections.abc import Iterator
@@ -18,8 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from webapp.core.geo.floors import FloorImage
 from webapp.errors import PhotoError
 from webapp.extras import extra, is_installed
+from webapp.files.atomic import storage_error, write_bytes
 from webapp.files.decode import (
     check_scans,
     decode,
@@ -28,10 +31,12 @@ from webapp.files.decode import (
     open_image,
     unsupported_colours,
 )
+from webapp.files.part_file import move_in
 from webapp.settings import PhotoLimits, SatelliteLimits
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader
+
 
 Kind = Literal["PNG", "JPEG", "GTiff"]
 Pixels = NDArray[np.uint8]
@@ -67,8 +72,6 @@ _SAMPLE_PX = 1000
 
 
 class Raster(Protocol):
-    """An opened image."""
-
     kind: Kind  # "PNG", "JPEG" or "GTiff". By content.
     # `width`, `height`: Pixels, as stored.
     width: int
@@ -159,9 +162,6 @@ def opened_raster(path: Path, *, limits: SatelliteLimits) -> Iterator[Raster]:
 
     Errors caused by damage, also those in the caller's block, become a `PhotoError`.
 
-    Args:
-        limits: Checked before anything is decoded.
-
     Raises:
         PhotoError: The file is missing, has another format, is damaged or truncated, or exceeds the limits.
         MissingPart: It is a TIFF, and rasterio is not installed.
@@ -239,11 +239,7 @@ def reduced(raster: Raster, max_side: int) -> Pixels:
 
 
 def image_kind(path: Path) -> Kind | None:
-    """Return the kind of an image by its first bytes; None if it is none of those that are shown.
-
-    Raises:
-        PhotoError: The file cannot be read.
-    """
+    """Return the kind of an image by its first bytes; None if it is none of those that are shown."""
     try:
         with path.open("rb") as file:
             head = file.read(8)
@@ -329,3 +325,73 @@ def _range(dataset: DatasetReader, bands: list[int], kind: Kind) -> tuple[float,
         return 0.0, 1.0
     low, high = np.clip(np.percentile(finite, [1.0, 99.0]), -_LARGEST, _LARGEST).tolist()
     return low, max(high, low + max(1.0, abs(low) * _SMALLEST_RANGE))
+
+
+QUALITY = 92
+"""Of JPEG."""
+
+
+def keep_file(source: Path, folder: Path) -> str:
+    """Move a PNG or JPEG file into the map's folder, named by its hash, and return its name.
+
+    Args:
+        source: On the same disk.
+    """
+    with source.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+        file.seek(0)
+        suffix = ".png" if file.read(4) == b"\x89PNG" else ".jpg"
+    name = f"satellite-{digest[:8]}{suffix}"
+    move_in(source, folder / name)
+    return name
+
+
+def keep_pixels(pixels: NDArray[np.uint8], folder: Path, *, lossless: bool = True) -> str:
+    """Write an image to the map's folder, named by its hash.
+
+    Args:
+        pixels: (h, w, 3) uint8. Blue, green, red.
+        lossless: PNG, else JPEG.
+    """
+    if lossless:
+        data = cv2.imencode(".png", pixels)[1].tobytes()
+    else:
+        data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
+    name = f"satellite-{hashlib.sha256(data).hexdigest()[:8]}{'.png' if lossless else '.jpg'}"
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    write_bytes(folder / name, data)
+    return name
+
+
+@contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Distinguish a failing disk from a damaged image."""
+    try:
+        yield
+    except OSError as error:
+        raise storage_error(error, where=folder.name) from error
+
+
+def warp_to_map(raster: Raster, image: FloorImage, *, size: tuple[int, int], side: int) -> Pixels:
+    """Resample the image of a floor to cover the whole map.
+
+    Args:
+        size: Width and height of the map, map pixels.
+        side: Maximum pixels of the longer side; fewer if the image has a lower resolution.
+
+    Returns:
+        (h, w, 4) uint8: Red, green, blue, opacity; transparent outside the image.
+    """
+    pixels = reduced(raster, side)
+    a, b, c, d, e, f = image.map_from_image
+    shrunk = raster.width / pixels.shape[1], raster.height / pixels.shape[0]
+    map_from_pixel = np.array([[a * shrunk[0], b * shrunk[1], c], [d * shrunk[0], e * shrunk[1], f]])
+    finest = 1.0 / math.sqrt(abs(float(np.linalg.det(map_from_pixel[:, :2]))))
+    scale = min(side / max(size), finest)
+    width, height = (max(1, round(length * scale)) for length in size)
+    matrix = np.diag([width / size[0], height / size[1]]) @ map_from_pixel
+    # the origin of OpenCV is the centre of the first pixel, that of a map its outer corner
+    matrix[:, 2] += matrix[:, :2] @ (0.5, 0.5) - 0.5
+    opaque = np.dstack([pixels, np.full(pixels.shape[:2], 255, np.uint8)])
+    return np.asarray(cv2.warpAffine(opaque, matrix, (width, height), flags=cv2.INTER_LINEAR), np.uint8)

@@ -21,8 +21,6 @@ _PMTILES = b"PMTiles\x03"
 
 
 class TileArchive(Protocol):
-    """An opened file."""
-
     def tile(self, zoom: int, x: int, y: int) -> bytes | None:
         """Return a picture; None where there is none. Rows count from the north."""
 

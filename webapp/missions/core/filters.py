@@ -262,8 +262,6 @@ class _Reader:
 
 @dataclass(frozen=True, slots=True)
 class _Token:
-    """A token."""
-
     kind: _TokenKind
     text: str  # As written; for quoted text, without the quotes
     at: int  # Position of its first character, from 1
@@ -277,7 +275,6 @@ class _Token:
         return self.kind == "sign" and self.text in signs
 
     def quoted(self) -> str:
-        """Quote it for a message."""
         if self.kind == "end":
             return "the end"
         return f"'{self.text[:40]}'" if self.kind == "text" else f'"{self.text[:40]}"'

@@ -128,7 +128,6 @@ def _headings(poses: Poses) -> list[str]:
 
 
 def object_feature(found: ExportObject) -> str:
-    """Write an object as a feature."""
     first, last = utc([found.first_time_s, found.last_time_s])
     properties = {
         "class": found.kind,

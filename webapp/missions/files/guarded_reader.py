@@ -167,7 +167,6 @@ class _Remarks(Findings):
             self._add("note", sentence, where="", count=1)
 
     def taken(self) -> list[_Remark]:
-        """Return the remarks, and forget them."""
         new, self._new = self._new, {}
         return [(method, text, where, count) for (method, text), (where, count) in new.items()]
 
@@ -191,7 +190,6 @@ def _piece_messages(piece: Piece) -> Iterator[bytes]:
 
 
 def _remark_message(remark: _Remark) -> bytes:
-    """Encode a remark."""
     return _message(["remark", *remark])
 
 

@@ -96,8 +96,6 @@ class FormatAbout:
 
 @dataclass(frozen=True, slots=True)
 class TrackFormat:
-    """A format of files with tracks."""
-
     name: str
     title: str  # For display
     called: str  # In lists of formats, which name several with the same word once

@@ -61,7 +61,6 @@ def _sentence(entries: Iterable[TrackFormat], *, joint: str = "and") -> str:
 
 
 def listed() -> str:
-    """List all formats."""
     return _sentence(FORMATS.values())
 
 

@@ -19,8 +19,14 @@ from webapp.render.mercator import MercatorPicture, to_mercator
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
-from webapp.tasks.exchange.export_source import Download, Source, of_library, plain_name
-from webapp.tasks.exchange.thumbnails import encode_picture, satellite_picture
+from webapp.tasks.exchange.export_source import (
+    Download,
+    Source,
+    encode_picture,
+    of_library,
+    plain_name,
+    satellite_picture,
+)
 
 if TYPE_CHECKING:
     import folium  # loaded by the functions, as in `webapp.render.folium_page`

@@ -48,8 +48,6 @@ _95 = math.sqrt(-2.0 * math.log(0.05))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shown:
-    """The content of a picture."""
-
     tracks: Sequence[tuple[Source, Poses]]  # Drawn in this order; fixes as dots, paths as lines
     gated: Sequence[tuple[LatLon, LatLon]] = ()  # Rejected fixes, and their expected positions
     pieces: Sequence[float] = field(default=())  # Times at which fused tracks begin and restart

@@ -175,7 +175,6 @@ def put_into_bin(mission: Mission) -> None:
 
 
 def take_from_bin(mission: Mission) -> None:
-    """Restore a mission from the bin."""
     mission.binned_at = None
 
 
@@ -219,8 +218,6 @@ def find_photo(session: Session, mission_id: int, sha256: str) -> MissionPhoto:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A mission in a list."""
-
     mission: Mission
     role: str | None  # Role of the caller
     slug: str | None  # Slug of its map
@@ -230,7 +227,6 @@ class Entry:
 
     @property
     def poses(self) -> int:
-        """Number of poses of all tracks."""
         return sum(track.poses for track in self.tracks)
 
     @property
@@ -277,7 +273,6 @@ def _searched(session: Session, ids: Select[Any], *, text: str, most: int | None
 
 
 def entry(session: Session, mission: Mission, *, account: Account) -> Entry:
-    """Return the list entry of a mission."""
     (entry,) = _entries(session, account, select(Mission.id).where(Mission.id == mission.id))
     return entry
 

@@ -30,8 +30,6 @@ STATES: tuple[_State, ...] = get_args(_State)
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A page of a list."""
-
     kind: str | None = None  # Only objects of that class
     state: str | None = None  # Only objects in that state
     sort: str = "id"  # One of `SORTS`

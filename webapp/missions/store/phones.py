@@ -55,7 +55,6 @@ def create(session: Session, mission: Mission, *, name: str, account_id: int) ->
 
 
 def list_phones(session: Session, mission: Mission) -> list[MissionPhone]:
-    """List the phones of a mission by name."""
     found = select(MissionPhone).where(MissionPhone.mission_id == mission.id)
     return list(session.scalars(found.order_by(MissionPhone.name)))
 

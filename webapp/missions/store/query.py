@@ -99,8 +99,6 @@ _TABLES = {"poses": _POSES, "objects": _OBJECTS, "sightings": _SIGHTINGS, "chang
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """A query, as sent."""
-
     table: str  # One of `TABLES`
     # `select`, `where`, `order`: Columns, condition, sort order; empty for all columns, all rows, no order.
     select: str = ""
@@ -111,8 +109,6 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class ParsedQuery:
-    """A parsed query."""
-
     columns: tuple[str, ...]
     rows: Select[Any]  # Selects one row more than the limit, to detect whether there are more
 

@@ -57,7 +57,6 @@ def add_statuses(session: Session, mission_id: int, *, found: Sequence[Status]) 
 
 
 def list_robots(session: Session, mission_id: int) -> list[Robot]:
-    """List the robots of a mission by name."""
     heard = select(RobotHeard).where(RobotHeard.mission_id == mission_id).order_by(RobotHeard.robot)
     return [
         Robot(row.robot, row.time_s, _latest(session, mission_id, row.robot))

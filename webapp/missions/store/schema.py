@@ -348,8 +348,6 @@ class MissionBatch(Base):
 
 
 class MissionPhoto(Base):
-    """A photo that was taken on a mission."""
-
     __tablename__ = "mission_photo"
 
     mission_id: Mapped[int] = mapped_column(

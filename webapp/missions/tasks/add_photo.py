@@ -12,8 +12,7 @@ from pathlib import Path, PurePosixPath
 
 from webapp.errors import NotFound
 from webapp.files.part_file import move_in, show_file_as
-from webapp.files.photos import preview
-from webapp.files.photos.photo import PhotoFacts, read_facts
+from webapp.files.photos.photo import PhotoFacts, make_previews, previews_folder, read_facts, write_previews
 from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission, MissionObject, MissionPhoto
 from webapp.settings import Settings
@@ -30,8 +29,6 @@ _MAX_STEM = 40
 
 @dataclass(frozen=True, slots=True)
 class PhotoMetadata:
-    """Metadata of a photo, given by its sender."""
-
     # When it was taken, Unix seconds; defaults to the EXIF time, if that has a time zone.
     time_s: float | None = None
     object_id: str | None = None  # The object of the mission that it shows
@@ -57,7 +54,7 @@ def add_mission_photo(
     name = tidy_name(name)
     with show_file_as(name, source):
         facts = read_facts(source, limits=settings.photo)
-        previews = preview.make_previews(source, limits=settings.photo)
+        previews = make_previews(source, limits=settings.photo)
     with source.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     row = MissionPhoto(
@@ -85,7 +82,7 @@ def add_mission_photo(
         shown = session.get(MissionObject, (mission_id, kept.object_id)) if kept.object_id else None
         if shown is not None and shown.photo_sha is None:
             shown.photo_sha, shown.revision = sha256, mission.revision
-        preview.write_previews(preview.previews_folder(folder), sha256, previews=previews)
+        write_previews(previews_folder(folder), sha256, previews=previews)
     return kept
 
 
@@ -108,7 +105,7 @@ def file_of(library: Library, photo: MissionPhoto) -> PhotoFile:
         photo.name,
         photo.sha256,
         partial(original, library, photo),
-        preview.previews_folder(folder),
+        previews_folder(folder),
         photo.sha256,
     )
 

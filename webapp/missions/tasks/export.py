@@ -1,12 +1,16 @@
-"""Exports a mission as a download: text formats, KML, KMZ with drawn icons, or a KML network link."""
+"""Exports a mission as a download in all formats, and answers queries on its rows."""
 
 from __future__ import annotations
 
 import io
+import json
+import tempfile
 import unicodedata
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
+from typing import IO, Any, Literal
 
 from PIL import Image, ImageDraw, ImageFont
 
@@ -15,12 +19,13 @@ from webapp.files.exchange.zip_stream import ZipMember, stream_zip
 from webapp.missions.core.trajectory import symbols
 from webapp.missions.core.trajectory.outgoing import MissionExport
 from webapp.missions.core.trajectory.symbols import Line, kind_colour, symbol_of
-from webapp.missions.files.csv_writer import format_objects_csv, format_poses_csv
+from webapp.missions.files.csv_writer import csv_lines, format_objects_csv, format_poses_csv
 from webapp.missions.files.geojson_writer import format_mission_geojson
 from webapp.missions.files.gpx_writer import format_mission_gpx
 from webapp.missions.files.kml_writer import format_mission_kml, format_network_link
 from webapp.missions.files.trajectory_writer import format_kitti_zip, format_tum_zip
 from webapp.missions.store import missions, reading
+from webapp.missions.store.query import ParsedQuery, Question, answer, parse_question
 from webapp.missions.tasks import add_photo
 from webapp.settings import Settings
 from webapp.store.library import Library
@@ -202,3 +207,72 @@ def _letter(pen: ImageDraw.ImageDraw, kind: str) -> None:
         return
     font = ImageFont.load_default(size=16 * _SCALE)
     pen.text((x, y), letter, fill=_RIM, font=font, anchor="mm")
+
+
+Form = Literal["json", "csv"]
+
+_IN_MEMORY = 1 << 20
+_PIECE = 1 << 16
+_TYPES = {"json": "application/json", "csv": "text/csv; charset=utf-8"}
+
+
+def query_mission(library: Library, mission_id: int, *, question: Question, form: Form) -> Download:
+    """Answer a query.
+
+    The whole answer is written to a temporary file before its first byte is sent: an error or a limit never
+    results in a truncated answer, and a slow client does not block the database.
+
+    Args:
+        form: `json`: `columns`, `rows` (a list each) and `complete`, false if the limit cut off rows. `csv`:
+            a header line, then the rows. Times are seconds since 1970, UTC.
+
+    Raises:
+        UsageError: The query is invalid, or takes too long.
+    """
+    asked = parse_question(mission_id, question)
+    with ExitStack() as stack:
+        file = stack.enter_context(tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY))
+        with library.database.read() as session, closing(answer(session, asked)) as rows:
+            if form == "json":
+                _write_json(file, asked, rows, limit=question.limit)
+            else:
+                _write_csv(file, asked, rows, limit=question.limit)
+        file.seek(0)
+        stack.pop_all()
+    return Download(f"{question.table}.{form}", _TYPES[form], _Pieces(file))
+
+
+class _Pieces(Iterator[bytes]):
+    """The content of a file, which is closed at its end or by `close`."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+
+    def __next__(self) -> bytes:
+        piece = b"" if self._file.closed else self._file.read(_PIECE)
+        if not piece:
+            self.close()
+            raise StopIteration
+        return piece
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def _write_json(file: IO[bytes], asked: ParsedQuery, rows: Iterator[tuple[Any, ...]], *, limit: int) -> None:
+    file.write(f'{{"columns": {json.dumps(asked.columns)}, "rows": ['.encode())
+    complete = True
+    for number, row in enumerate(rows):
+        if number == limit:
+            complete = False
+            break
+        comma = "," if number else ""
+        file.write(f"{comma}\n{json.dumps(row, ensure_ascii=False)}".encode("utf-8", "replace"))
+    file.write(f'\n], "complete": {json.dumps(complete)}}}\n'.encode())
+
+
+def _write_csv(file: IO[bytes], asked: ParsedQuery, rows: Iterator[tuple[Any, ...]], *, limit: int) -> None:
+    file.write(csv_lines([asked.columns]))
+    for number, row in enumerate(rows):
+        if number < limit:
+            file.write(csv_lines([row]))

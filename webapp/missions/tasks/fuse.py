@@ -78,8 +78,6 @@ def last_job(session: Session, mission: Mission, *, account_id: int) -> Job | No
 
 @dataclass(frozen=True, slots=True)
 class _Odometry:
-    """The odometry of a mission."""
-
     used: Track | None
     others: tuple[Track, ...]  # Driven too, but not used
     planned: tuple[Track, ...]
@@ -212,7 +210,6 @@ def _kept(
 
 
 def _inputs(session: Session, mission_id: int, report: dict[str, Any]) -> list[Track]:
-    """List the tracks that were fused."""
     sources = {fixes["source"] for fixes in report["fixes"]}
     found = [track for track in tracks.list_tracks(session, mission_id) if track.timed]
     return [track for track in found if track.id == report["odometry"] or track.source in sources]

@@ -75,8 +75,6 @@ class ImportedTrack:
 
 @dataclass(frozen=True, slots=True)
 class TrackImport:
-    """The result of an import."""
-
     mission: int  # Id of the mission
     kind: str  # Format of the file, for display
     tracks: tuple[ImportedTrack, ...]
@@ -160,8 +158,6 @@ def import_track_file(
 
 @dataclass(frozen=True, slots=True)
 class _Survey:
-    """Content of a file."""
-
     kind: TrackFormat
     tracks: dict[Key, bool]
     """Tracks, and whether they have times."""

@@ -31,8 +31,6 @@ _PREVIEW = 400
 
 @dataclass(frozen=True, slots=True)
 class FileSource:
-    """A track in a file."""
-
     # `source`, `track`: Source and name with which it will be imported.
     source: str
     track: str
@@ -63,8 +61,6 @@ class ProposedStart:
 
 @dataclass(frozen=True, slots=True)
 class FileReport:
-    """Report on the content of a file."""
-
     kind: str  # Format, for display
     sources: tuple[FileSource, ...]
     objects: int  # Number of sightings of objects

@@ -41,8 +41,6 @@ NO_START = "poses in the robot's own frame: the mission needs a start position a
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """Options for reading a file with tracks."""
-
     start: Start | None = None  # Start pose of the robot; needed for poses in its own frame
     min_move: MinMove = field(default_factory=MinMove)
     topics: tuple[str, ...] = ()  # Only these topics of a bag, or lines of a KML; empty for all

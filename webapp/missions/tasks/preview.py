@@ -36,8 +36,6 @@ _LEAST_M = 5.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissionPreview:
-    """The content of a preview."""
-
     map: MapRecord | None  # Map whose image is the background; None if no part of the mission lies on it
     size: tuple[float, float]  # Width and height: map pixels, or metres without a map
     # `line`, `dots`: (n, 2) float64. The track and the objects: x to the right, y down.

@@ -40,7 +40,6 @@ class StagedFile:
 
     @property
     def arrived(self) -> int:
-        """Number of bytes that have arrived."""
         return part_file.arrived(self.path)
 
 
@@ -136,5 +135,4 @@ def put_back(library: Library, staged: StagedFile, *, token: str) -> None:
 
 
 def drop(staged: StagedFile) -> None:
-    """Delete a staged file."""
     part_file.discard(staged.path)

@@ -164,7 +164,6 @@ def _is_due(rule: Rule) -> ColumnElement[bool]:
 def _thin(
     library: Library, mission_id: int, track_id: int, *, rule: Rule, write: Write | None
 ) -> ThinnedTrack | None:
-    """Thin a track; return None if it is not due."""
     with library.database.read() as session:
         revision = session.get_one(Mission, mission_id).revision
         track = session.scalars(select(Track).where(Track.id == track_id, _is_due(rule))).first()

@@ -127,8 +127,6 @@ class LineView:
 
 @dataclass(frozen=True, slots=True)
 class TrackLine:
-    """The line of a track."""
-
     level: int  # Level of simplification; -1: none
     points: NDArray[np.float64]  # (n, 5) float64. number, time_s, lat, lon, heading_deg.
     # (m,) intp. Indices of points that are not connected with the previous one: the track leaves the box in

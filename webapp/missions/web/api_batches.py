@@ -1,17 +1,21 @@
-"""API for robots: batches of poses and objects, each record of which is stored exactly once."""
+"""API for robots: batches, each record of which is stored exactly once, and their status."""
 
 from __future__ import annotations
 
+import time
 from datetime import timedelta
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import Integer, String
+from apiflask.fields import Float, Integer, List, Nested, String
 from apiflask.validators import Length, Predicate, Regexp
 from flask import Response, jsonify, request
 
 from webapp.errors import UsageError
+from webapp.missions.store import robots
 from webapp.missions.store.batches import FILE, OutOfOrder
+from webapp.missions.store.robots import Robot
+from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import store_batch
 from webapp.missions.tasks.store_batch import Numbered
 from webapp.missions.web.context import mission_role, open_mission
@@ -19,7 +23,7 @@ from webapp.robot.fields import record_schema
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import library, settings
 from webapp.web.errors import as_json
-from webapp.web.fields import BoundedList, JsonValue, RecordNumber
+from webapp.web.fields import Boolean, BoundedList, JsonValue, RecordNumber
 
 blueprint = APIBlueprint("api_batches", __name__, url_prefix="/api/v1/missions", tag="Missions")
 
@@ -129,3 +133,81 @@ def _numbered(given: dict[str, Any]) -> Numbered | None:
     if "sender" in given and "first" in given:
         return Numbered(given["sender"], given["first"])
     return None
+
+
+robots_api = APIBlueprint(
+    "api_mission_robots", __name__, url_prefix="/api/v1/missions/<id:mission_id>", tag="Missions"
+)
+
+
+class RobotStatusOut(Schema):
+    """What a robot said of itself last; null: not said."""
+
+    time_s = Float(metadata={"description": "By the robot's clock."})
+    battery_percent = Float(allow_none=True)
+    link_percent = Float(allow_none=True)
+    mode = String(allow_none=True)
+    text = String(allow_none=True)
+
+
+class RobotOut(Schema):
+    """A robot or person that has sent batches."""
+
+    name = String(metadata={"description": "That of its tracks; may be empty."})
+    heard_time_s = Float(metadata={"description": "When the server last had a record of it."})
+    silent = Boolean(metadata={"description": "For longer than the mission allows."})
+    status = Nested(RobotStatusOut, allow_none=True)
+
+
+class SilenceOut(Schema):
+    """A time in which a robot was silent for longer than the mission allowed."""
+
+    robot = String()
+    since_s = Float()
+    until_s = Float(allow_none=True, metadata={"description": "null: it is still silent."})
+
+
+class RobotList(Schema):
+    """The robots of a mission by name, and the log of their silences, the latest first."""
+
+    clock_s = Float(metadata={"description": "Of the server, now."})
+    silent_after_s = Float(allow_none=True, metadata={"description": "null: there is no alarm."})
+    robots = List(Nested(RobotOut))
+    silences = List(Nested(SilenceOut))
+
+
+@robots_api.get("/robots")
+@mission_role("viewer")
+@robots_api.output(RobotList)
+def list_robots(mission_id: int) -> dict[str, Any]:
+    """List the robots of a mission with their last status, and when they were silent."""
+    mission = open_mission(mission_id)
+    with library().database.read() as session:
+        row = session.get_one(Mission, mission.id)
+        found, over = robots.list_robots(session, row.id), robots.list_silences(session, row.id)
+    at_s = time.time()
+    listed = [_robot(one, silent=_is_silent(row, one, at_s=at_s)) for one in found]
+    still = [
+        {"robot": one["name"], "since_s": one["heard_time_s"], "until_s": None}
+        for one in listed
+        if one["silent"]
+    ]
+    past = [{"robot": one.robot, "since_s": one.since_s, "until_s": one.until_s} for one in over]
+    return {
+        "clock_s": at_s,
+        "silent_after_s": row.silent_after_s,
+        "robots": listed,
+        "silences": still + past,
+    }
+
+
+def _is_silent(mission: Mission, robot: Robot, *, at_s: float) -> bool:
+    """Return whether a robot should have been heard; nobody waits for one after the end of the mission."""
+    limit = mission.silent_after_s
+    return limit is not None and mission.ended_at is None and at_s - robot.heard_time_s > limit
+
+
+def _robot(robot: Robot, *, silent: bool) -> dict[str, Any]:
+    said = robot.status
+    status = None if said is None else {name: getattr(said, name) for name in RobotStatusOut().fields}
+    return {"name": robot.name, "heard_time_s": robot.heard_time_s, "silent": silent, "status": status}

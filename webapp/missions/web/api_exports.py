@@ -17,8 +17,7 @@ from webapp.missions.render import export_file
 from webapp.missions.render.export_file import FORMATS
 from webapp.missions.store import shares
 from webapp.missions.store.query import MAX_ROWS, TABLES, Question
-from webapp.missions.tasks import query as query_mission
-from webapp.missions.tasks.export import LIVE_POSES, export_network_link
+from webapp.missions.tasks.export import LIVE_POSES, export_network_link, query_mission
 from webapp.missions.web.context import mission_role, open_mission
 from webapp.tasks.exchange.export_source import Download
 from webapp.web.concurrency import ConcurrencyLimit
@@ -143,9 +142,7 @@ def query(mission_id: int, asked: dict[str, Any]) -> Response:
     mission, form = open_mission(mission_id), asked.pop("format")
     place = library()
     question = Question(**asked)
-    return stream_download(
-        lambda: query_mission.query_mission(place, mission.id, question=question, form=form)
-    )
+    return stream_download(lambda: query_mission(place, mission.id, question=question, form=form))
 
 
 def export(mission_id: int, *, ending: str, query: dict[str, Any], private: bool = False) -> Response:

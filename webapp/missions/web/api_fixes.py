@@ -25,9 +25,9 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.localize import readiness
 from webapp.tasks.localize.upload import LocalizeRequest, UploadedPhoto
 from webapp.tasks.maps.library_map import georeference
-from webapp.web.body_limits import limit_photo
 from webapp.web.context import account, library, settings
 from webapp.web.fields import RecordNumber
+from webapp.web.json_bodies import limit_photo
 from webapp.web.localize.answers import Located
 from webapp.web.localize.api_localize import map_cache, received
 from webapp.web.openapi import file_answer

@@ -21,8 +21,7 @@ from webapp.store.maps import maps
 from webapp.store.maps.maps import ROLES
 from webapp.store.schema import MapRecord
 from webapp.web.context import account, library, open_map
-from webapp.web.fields import LATER, Boolean
-from webapp.web.lists import ListPartQuery, split, wanted_part
+from webapp.web.fields import LATER, Boolean, ListPartQuery, split, wanted_part
 from webapp.web.maps.schemas import SatelliteOut
 from webapp.web.openapi import json_answer
 

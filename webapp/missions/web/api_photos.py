@@ -12,15 +12,15 @@ from apiflask.validators import Length, Predicate, Range
 from flask import Response, request, url_for
 
 from webapp.files.part_file import check_space, discard, receive
-from webapp.files.photos.preview import Kind
+from webapp.files.photos.photo import Kind
 from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission, MissionPhoto
 from webapp.missions.tasks import add_photo, localize_photos
 from webapp.missions.tasks.add_photo import PhotoMetadata
 from webapp.missions.web.context import mission_role, open_mission
-from webapp.web.body_limits import limit_photo
 from webapp.web.context import account, library, settings
 from webapp.web.fields import Boolean
+from webapp.web.json_bodies import limit_photo
 from webapp.web.openapi import file_answer
 from webapp.web.sending import send_original, send_picture
 

@@ -10,7 +10,7 @@ from apiflask.validators import Range
 from flask import Response
 
 from webapp.errors import NotFound
-from webapp.files.photos.preview import Kind
+from webapp.files.photos.photo import Kind
 from webapp.missions.store import drawings as mission_drawings
 from webapp.missions.store import missions, reading, shares, tracks
 from webapp.missions.store import objects as mission_objects

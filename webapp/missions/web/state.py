@@ -29,7 +29,6 @@ _OF_THE_EARTH = ("metres_per_pixel", "latlon_grid")
 
 
 def summary(session: Session, mission: Mission, *, account: Account) -> dict[str, Any]:
-    """Return the summary of a mission; the fields of `MissionSummary`."""
     return entry_json(missions.entry(session, mission, account=account))
 
 
@@ -94,7 +93,6 @@ def track_json(session: Session, track: Track) -> dict[str, Any]:
 
 
 def last_json(poses: Poses) -> dict[str, Any]:
-    """Return the last of some poses as JSON."""
     lat, lon = poses.latlon[-1].tolist()
     heading = float(poses.heading_deg[-1])
     covariance = poses.covariance_m2[-1].tolist()
@@ -213,7 +211,6 @@ def shared_object(opened: OpenedMission, row: MissionObject) -> dict[str, Any]:
 
 
 def shared_sighting(opened: OpenedMission, row: ObjectSighting) -> dict[str, Any]:
-    """Return a sighting as JSON."""
     return {**sighting_json(row), "photo": row.photo_sha if opened.share.photos else None}
 
 
@@ -232,7 +229,6 @@ def shared_photo(token: str, photo: MissionPhoto) -> dict[str, Any]:
 
 
 def shared_photos(session: Session, opened: OpenedMission) -> list[MissionPhoto]:
-    """List the photos that a share shows."""
     return missions.photos(session, opened.mission.id) if opened.share.photos else []
 
 

@@ -1,10 +1,11 @@
-"""Drawing on a sheet of paper: shapes and text in points, as PDF or as pixels."""
+"""Drawing on a sheet of paper: shapes, text and labels without overlaps, as PDF or as pixels."""
 
 from __future__ import annotations
 
 import io
 import threading
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from typing import Literal, NamedTuple, Protocol
 
@@ -19,7 +20,6 @@ from reportlab.pdfgen.canvas import Canvas as PdfCanvas
 
 from webapp.render.canvas import Canvas, Point
 from webapp.render.colours import INK, RGB
-from webapp.render.sheet.labels import Box
 from webapp.resources import resource_folder
 
 Anchor = Literal["left", "middle", "right"]
@@ -101,7 +101,6 @@ class PngDrawing:
         self._texts: list[tuple[Point, str, TextStyle]] = []
 
     def image(self, pixels: NDArray[np.uint8], box: Box) -> None:
-        """Put a picture into a box."""
         left, top, right, bottom = (round(side * self._scale) for side in box)
         shrinks = right - left < pixels.shape[1]
         way = cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC
@@ -109,7 +108,6 @@ class PngDrawing:
         self._canvas.paste(np.asarray(scaled, np.uint8), at=(left, top))
 
     def disc(self, centre: Point, radius: float, *, colour: RGB, opacity: float = 1.0) -> None:
-        """Fill a circle."""
         at, reach = self._px(centre), radius * self._scale
         if opacity >= 1:
             self._canvas.disc(at, reach, colour=colour)
@@ -126,11 +124,9 @@ class PngDrawing:
         self._canvas.ring(self._px(centre), radius * self._scale, colour=colour, width=width * self._scale)
 
     def polygon(self, corners: Sequence[Point], *, colour: RGB) -> None:
-        """Fill a convex polygon."""
         self._canvas.polygon([self._px(corner) for corner in corners], colour=colour)
 
     def line(self, start: Point, end: Point, *, colour: RGB, width: float) -> None:
-        """Draw a straight line."""
         thick = max(1, round(width * self._scale))
         self._canvas.line(self._px(start), self._px(end), colour=colour, width=thick)
 
@@ -139,7 +135,6 @@ class PngDrawing:
         self._texts.append((at, text, style))
 
     def finish(self) -> bytes:
-        """Return a PNG."""
         image = self._canvas.image()
         pen = ImageDraw.Draw(image)
         for (x, y), text, style in self._texts:
@@ -165,7 +160,6 @@ class PdfDrawing:
 
     Args:
         size: Width and height, points.
-        title: Of the document.
     """
 
     def __init__(self, size: tuple[float, float], *, title: str) -> None:
@@ -194,7 +188,6 @@ class PdfDrawing:
         self._canvas.drawImage(ImageReader(jpeg), box.left, self._height - box.bottom, **size)
 
     def disc(self, centre: Point, radius: float, *, colour: RGB, opacity: float = 1.0) -> None:
-        """Fill a circle."""
         self._fill(colour, opacity)
         self._canvas.circle(centre[0], self._height - centre[1], radius, stroke=0, fill=1)
 
@@ -204,7 +197,6 @@ class PdfDrawing:
         self._canvas.circle(centre[0], self._height - centre[1], radius, stroke=1, fill=0)
 
     def polygon(self, corners: Sequence[Point], *, colour: RGB) -> None:
-        """Fill a polygon."""
         self._fill(colour)
         path = self._canvas.beginPath()
         for n, (x, y) in enumerate(corners):
@@ -213,12 +205,10 @@ class PdfDrawing:
         self._canvas.drawPath(path, stroke=0, fill=1)
 
     def line(self, start: Point, end: Point, *, colour: RGB, width: float) -> None:
-        """Draw a straight line."""
         self._stroke(colour, width)
         self._canvas.line(start[0], self._height - start[1], end[0], self._height - end[1])
 
     def text(self, at: Point, text: str, *, style: TextStyle) -> None:
-        """Write one line."""
         shift = {"left": 0.0, "middle": 0.5, "right": 1.0}[style.anchor]
         x = at[0] - shift * text_width(text, style.size, bold=style.bold)
         self._canvas.setFont(self._fonts[style.bold], style.size)
@@ -229,7 +219,6 @@ class PdfDrawing:
         self._canvas.drawString(x, self._height - at[1], text, mode=0)
 
     def finish(self) -> bytes:
-        """Return a PDF."""
         self._canvas.save()
         return self._data.getvalue()
 
@@ -260,3 +249,95 @@ def _pdf_fonts() -> tuple[str, str]:
             if name not in pdfmetrics.getRegisteredFontNames():
                 pdfmetrics.registerFont(TTFont(name, _font_file(bool(bold))))
     return names
+
+
+_CELL = 16.0
+"""Side of the cells of the grid in which boxes are looked up, points."""
+
+
+class Box(NamedTuple):
+    """A rectangle, y down."""
+
+    left: float
+    top: float
+    right: float
+    bottom: float
+
+    def overlaps(self, other: Box) -> bool:
+        """Return whether two boxes have more than an edge in common."""
+        return (
+            self.left < other.right
+            and other.left < self.right
+            and self.top < other.bottom
+            and other.top < self.bottom
+        )
+
+    def within(self, other: Box) -> bool:
+        return (
+            other.left <= self.left
+            and self.right <= other.right
+            and other.top <= self.top
+            and self.bottom <= other.bottom
+        )
+
+
+class LabelWanted(NamedTuple):
+    # `x`, `y`, `reach`: Centre and radius of the mark.
+    x: float
+    y: float
+    reach: float
+    # `width`, `height`: Of the label.
+    width: float
+    height: float
+
+
+class _Taken:
+    """The boxes that are already on the sheet, in a grid."""
+
+    def __init__(self, boxes: Iterable[Box]) -> None:
+        self._cells: dict[tuple[int, int], list[Box]] = defaultdict(list)
+        for box in boxes:
+            self.add(box)
+
+    def add(self, box: Box) -> None:
+        for cell in _cells(box):
+            self._cells[cell].append(box)
+
+    def free(self, box: Box) -> bool:
+        return not any(box.overlaps(other) for cell in _cells(box) for other in self._cells.get(cell, ()))
+
+
+def place_labels(wanted: Sequence[LabelWanted], *, taken: Iterable[Box], frame: Box) -> list[Box | None]:
+    """Place labels around their marks so that they overlap neither a mark nor one another.
+
+    Args:
+        wanted: In the order of priority.
+        taken: Areas that must stay visible: the marks.
+
+    Returns:
+        None for labels that do not fit.
+    """
+    there, found = _Taken(taken), list[Box | None]()
+    for label in wanted:
+        box = next((b for b in _around(label) if b.within(frame) and there.free(b)), None)
+        if box is not None:
+            there.add(box)
+        found.append(box)
+    return found
+
+
+def _around(label: LabelWanted) -> Iterator[Box]:
+    """Yield the possible places of a label: right, left, above, below, then the corners."""
+    x, y, reach, width, height = label
+    near = 0.75 * reach
+    beside = [(reach, -height / 2), (-reach - width, -height / 2)]
+    over_and_under = [(-width / 2, -reach - height), (-width / 2, reach)]
+    corners = [(dx, dy) for dx in (near, -near - width) for dy in (-near - height, near)]
+    for dx, dy in (*beside, *over_and_under, *corners):
+        yield Box(x + dx, y + dy, x + dx + width, y + dy + height)
+
+
+def _cells(box: Box) -> Iterator[tuple[int, int]]:
+    for column in range(int(box.left // _CELL), int(box.right // _CELL) + 1):
+        for row in range(int(box.top // _CELL), int(box.bottom // _CELL) + 1):
+            yield column, row

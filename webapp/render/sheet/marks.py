@@ -13,8 +13,7 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.render.canvas import Point
 from webapp.render.colours import INK, RGB, probability_colour
-from webapp.render.sheet.drawing import Drawing, TextStyle
-from webapp.render.sheet.labels import Box
+from webapp.render.sheet.drawing import Box, Drawing, TextStyle
 from webapp.render.sheet.options import SheetAnswer
 
 PHOTO: RGB = (22, 104, 220)
@@ -65,8 +64,6 @@ class SheetView:
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """The scale of a printed map."""
-
     metres: float  # A round distance
     length: float  # Length of that distance on the paper, points
     ratio: float  # Denominator of the scale, as in 1 : 1000
@@ -137,7 +134,6 @@ def draw_control_point(drawing: Drawing, at: Point) -> None:
 
 
 def draw_note(drawing: Drawing, at: Point, *, number: int) -> None:
-    """Draw a square with the number of a note."""
     for side, colour in ((NOTE_PT + 1, _RIM), (NOTE_PT, NOTE)):
         corners = [(at[0] + dx * side, at[1] + dy * side) for dx, dy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
         drawing.polygon(corners, colour=colour)
@@ -146,7 +142,6 @@ def draw_note(drawing: Drawing, at: Point, *, number: int) -> None:
 
 
 def draw_answer_area(drawing: Drawing, answer: SheetAnswer, *, view: SheetView) -> None:
-    """Draw the 68 % radius of an answer."""
     if answer.radius_px is not None:
         at, colour, radius = (
             view.shown(answer.position),

@@ -61,8 +61,6 @@ class SheetOptions:
 
 @dataclass(frozen=True, slots=True)
 class SheetAnswer:
-    """The best place of one answer."""
-
     name: str
     position: MapPixel
     probability: float
@@ -75,9 +73,6 @@ def answers_from_json(answers: Iterable[Mapping[str, Any]]) -> tuple[SheetAnswer
     """Read the best places from answers as printed by `localize --json`.
 
     Photos that are more probably not on the map are left out.
-
-    Raises:
-        KeyError, TypeError: These are not answers.
     """
     found = []
     for answer in answers:
@@ -99,8 +94,6 @@ def answers_from_json(answers: Iterable[Mapping[str, Any]]) -> tuple[SheetAnswer
 
 @dataclass(frozen=True, slots=True)
 class SheetWords:
-    """The words of one language."""
-
     photos: Callable[[int], str]  # Formats a number of photos
     date: str
     photo: str = "photo"

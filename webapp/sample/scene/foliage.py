@@ -26,8 +26,6 @@ Leaves = tuple[tuple[Sprite, ...], ...]
 
 @dataclass(frozen=True, slots=True)
 class Foliage:
-    """Clumps of leaves."""
-
     centre: NDArray[np.float32]  # (n, 3) float32. Metres.
     radius: NDArray[np.float32]  # (n,) float32. Metres.
     colour: NDArray[np.uint8]  # (n, 3) uint8
@@ -38,12 +36,10 @@ class Foliage:
     evergreen: NDArray[np.bool_]  # (n,) bool
 
     def take(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> Foliage:
-        """Return some of the clumps."""
         return Foliage(*(getattr(self, name)[chosen] for name in self.__slots__))
 
 
 def grow(rng: np.random.Generator, trees: tuple[Tree, ...]) -> Foliage:
-    """Make a crown for each tree."""
     parts = [_crown(rng, tree, number) for number, tree in enumerate(trees)]
     return Foliage(*(np.concatenate([getattr(part, name) for part in parts]) for name in Foliage.__slots__))
 
@@ -90,7 +86,6 @@ def _crown(rng: np.random.Generator, tree: Tree, number: int) -> Foliage:
 
 
 def make_leaf_sprites(rng: np.random.Generator) -> Leaves:
-    """Make the sprites of clumps, at all sizes."""
     pictures = [_leaves(rng) for _ in range(_VARIANTS)]
     table = []
     for side in _SIDES:

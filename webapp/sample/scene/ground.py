@@ -25,8 +25,6 @@ DETAIL_METRES_PER_PIXEL = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Ground:
-    """Textures of the ground."""
-
     park: Quad  # The park and `BORDER_M` around it
     country: Quad  # The surroundings, slightly lower and coarse
     # (3, 512, 512) uint8. Tiling brightness (128 for no change), seen from near: grass, gravel, waves.
@@ -41,7 +39,6 @@ def pixels(points: NDArray[np.float64]) -> NDArray[np.int32]:
 
 
 def lay_ground(rng: np.random.Generator, plan: ParkPlan) -> Ground:
-    """Paint the ground of a park."""
     corner = np.array([-BORDER_M, -BORDER_M, 0.0])
     park = flat(
         corner, (WIDTH_M + 2 * BORDER_M, DEPTH_M + 2 * BORDER_M), texture=Texture.of(_paint(rng, plan))

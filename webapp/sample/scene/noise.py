@@ -58,7 +58,6 @@ def tint(colour: tuple[int, int, int], tone: NDArray[np.float32]) -> NDArray[np.
     """Multiply one colour by a picture of tones.
 
     Args:
-        colour: Red, green, blue.
         tone: (h, w) float32. 1 keeps the colour.
 
     Returns:

@@ -65,8 +65,6 @@ class Tree:
 
 @dataclass(frozen=True, slots=True)
 class ParkPlan:
-    """The layout of a park."""
-
     # `loop`, `link`: (n, 2) float64. Middle lines of the path around and of the path across, a point every
     # half metre.
     loop: NDArray[np.float64]
@@ -84,7 +82,6 @@ class ParkPlan:
 
 
 def draw_plan(rng: np.random.Generator) -> ParkPlan:
-    """Draw the layout of a park at random."""
     loop = _loop(rng)
     link, square = _link(rng, loop)
     paths = np.concatenate([loop, link])

@@ -62,7 +62,6 @@ class Frame:
 
     @staticmethod
     def empty(camera: SceneCamera) -> Frame:
-        """Make a frame with only sky."""
         shape = (camera.height, camera.width)
         return Frame(
             np.zeros(shape, np.uint32), np.zeros(shape, np.float32), np.full(shape, np.inf, np.float32)

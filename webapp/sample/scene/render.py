@@ -21,14 +21,7 @@ _ALTITUDE_M = 4000.0
 
 
 def render(stage: Stage, camera: SceneCamera, *, rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Render a photo.
-
-    Args:
-        rng: For the camera's noise.
-
-    Returns:
-        (h, w, 3) uint8: Red, green, blue.
-    """
+    """Render a photo: (h, w, 3) uint8; red, green, blue."""
     large = camera.resized(_OVERSAMPLING)
     frame = Frame.empty(large)
     for number in visible(stage, large):
@@ -159,7 +152,6 @@ def overhead(stage: Stage, metres_per_pixel: float, *, rng: np.random.Generator)
 
     Args:
         metres_per_pixel: Of the ground.
-        rng: For the camera's noise.
 
     Returns:
         (h, w, 3) uint8: Red, green, blue; north is up, and it shows exactly the park's rectangle on the

@@ -107,8 +107,6 @@ _LINTELS: tuple[Lintel, ...] = ("none", "beam", "gable", "arch")
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """A park."""
-
     plan: ParkPlan
     ground: Ground
     quads: tuple[Quad, ...]  # All flat surfaces above the ground
@@ -119,11 +117,6 @@ class World:
 
 
 def build_world(rng: np.random.Generator) -> World:
-    """Generate a park.
-
-    Args:
-        rng: The same state gives the same park.
-    """
     for_plan, for_ground, for_houses, for_rest, for_leaves = rng.spawn(5)
     plan = draw_plan(for_plan)
     quads: list[Quad] = []

@@ -29,15 +29,7 @@ def ensure_owner(session: Session) -> Account:
 
 
 def create(session: Session, name: str, *, is_owner: bool = False) -> Account:
-    """Create an account; signing in requires a link or a password, which it does not have yet.
-
-    Args:
-        is_owner: Whether it owns the whole library.
-
-    Raises:
-        UsageError: The name is empty or too long.
-        Conflict: The name is taken.
-    """
+    """Create an account; signing in requires a link or a password, which it does not have yet."""
     account = Account(name=_free_name(session, name), is_owner=is_owner)
     session.add(account)
     session.flush()
@@ -45,11 +37,6 @@ def create(session: Session, name: str, *, is_owner: bool = False) -> Account:
 
 
 def rename(session: Session, account: Account, *, name: str) -> None:
-    """Rename an account.
-
-    Raises:
-        UsageError, Conflict: As for a new account.
-    """
     account.name = _free_name(session, name, own=account.id)
 
 
@@ -88,15 +75,7 @@ def end_sessions(account: Account) -> None:
 
 
 def new_token(session: Session, account: Account, *, name: str) -> str:
-    """Create an API token.
-
-    Returns:
-        The token; only its hash is stored.
-
-    Raises:
-        UsageError: The name is empty or too long.
-        Conflict: The account already has a token of that name.
-    """
+    """Create an API token; only its hash is stored."""
     name = _checked_name(name)
     if any(token.name == name for token in tokens(session, account)):
         raise Conflict(
@@ -123,18 +102,12 @@ def by_token(session: Session, token: str) -> tuple[Account, ApiToken] | None:
 
 
 def record_use(session: Session, token_id: int) -> None:
-    """Record that a token has just been used."""
     token = session.get(ApiToken, token_id, with_for_update=True)
     if token is not None:
         token.used_at = now()
 
 
 def revoke_token(session: Session, account: Account, *, token_id: int) -> None:
-    """Revoke a token.
-
-    Raises:
-        NotFound: The account does not have this token.
-    """
     token = session.get(ApiToken, token_id)
     if token is None or token.account_id != account.id:
         raise NotFound("token not found", hint="reload the page")
@@ -193,11 +166,7 @@ def set_member_role(session: Session, record: MapRecord, *, account: Account, ro
 
 
 def remove_member(session: Session, record: MapRecord, *, account: Account) -> None:
-    """Stop sharing a map with an account; no error if it was not shared with it.
-
-    Raises:
-        UsageError: The map would have no owner.
-    """
+    """Stop sharing a map with an account; no error if it was not shared with it."""
     member = session.get(Member, (record.id, account.id))
     if member is not None:
         _keep_an_owner(session, member)

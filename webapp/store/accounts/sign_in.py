@@ -1,7 +1,8 @@
-"""Ways to sign in: a one-time link, or name and password; failures are limited."""
+"""Ways to sign in (a one-time link, or name and password), and the browsers that are signed in."""
 
 from __future__ import annotations
 
+import re
 import secrets
 from datetime import timedelta
 from functools import cache
@@ -16,7 +17,7 @@ from webapp.settings import WebSettings
 from webapp.store.accounts import accounts
 from webapp.store.clock import now
 from webapp.store.database import Database
-from webapp.store.schema import Account, EndedSession, FailedSignIn, SignInLink
+from webapp.store.schema import Account, EndedSession, FailedSignIn, SignedIn, SignInLink
 
 _MAX_PASSWORD = 1000
 _MAX_WHO = 100
@@ -27,11 +28,7 @@ _SIGNED_IN = select(Account).where(
 
 
 def new_link(session: Session, account: Account, *, hours: int) -> str:
-    """Create a sign-in link for an account.
-
-    Returns:
-        The secret end of its URL; only its hash is stored.
-    """
+    """Create a sign-in link for an account, and return the secret end of its URL; only its hash is stored."""
     token = secrets.token_urlsafe(24)
     session.execute(delete(SignInLink).where(SignInLink.expires_at < now() - timedelta(days=30)))
     session.add(
@@ -45,11 +42,7 @@ def new_link(session: Session, account: Account, *, hours: int) -> str:
 
 
 def link_account(session: Session, token: str) -> Account:
-    """Return the account of a sign-in link, without using it up.
-
-    Raises:
-        NotSignedIn: The link is unknown, used or expired.
-    """
+    """Return the account of a sign-in link, without using it up."""
     link = session.get(SignInLink, accounts.hashed(token))
     if link is None or link.used_at is not None or link.expires_at < now():
         raise NotSignedIn(
@@ -71,11 +64,7 @@ def redeem_link(session: Session, token: str) -> Account:
 
 
 def password_hash(password: str, *, minimum: int) -> str:
-    """Hash a password; this takes a tenth of a second, so do not do it in a write transaction.
-
-    Raises:
-        UsageError: The password is too short or too long.
-    """
+    """Hash a password; this takes a tenth of a second, so do not do it in a write transaction."""
     if not minimum <= len(password) <= _MAX_PASSWORD:
         raise UsageError(
             f"a password has at least {minimum} characters", hint="a few words are easy to remember"
@@ -90,7 +79,6 @@ def by_password(
 
     Args:
         address: Client address of the request.
-        limits: Sets the limit of failures and its time window.
 
     Raises:
         NotSignedIn: Wrong name or password; the error does not say which is wrong.
@@ -174,3 +162,92 @@ def account_of_session(session: Session, session_id: str, *, account_id: int) ->
     return session.scalars(
         _SIGNED_IN, {"account_id": account_id, "id_hash": accounts.hashed(session_id)}
     ).first()
+
+
+USE_NOTED_EVERY = timedelta(hours=1)
+
+_BROWSERS = (
+    ("Edg", "Edge"),
+    ("OPR", "Opera"),
+    ("SamsungBrowser", "Samsung Internet"),
+    ("Firefox|FxiOS", "Firefox"),
+    ("Chrome|CriOS|HeadlessChrome", "Chrome"),
+    ("Safari", "Safari"),
+)
+"""Pattern of each browser, before those whose names it also sends."""
+
+_SYSTEMS = (
+    ("Android", "Android"),
+    ("iPhone", "iPhone"),
+    ("iPad", "iPad"),
+    ("Windows", "Windows"),
+    ("Mac OS X", "macOS"),
+    ("CrOS", "ChromeOS"),
+    ("Linux", "Linux"),
+)
+
+
+def device_of(user_agent: str) -> str:
+    """Return browser and system as the header `User-Agent` names them; "?" if neither is known."""
+    found = (
+        next((name for pattern, name in table if re.search(pattern, user_agent)), None)
+        for table in (_BROWSERS, _SYSTEMS)
+    )
+    return " · ".join(name for name in found if name) or "?"
+
+
+def note_sign_in(session: Session, account: Account, *, session_id: str, device: str, days: int) -> None:
+    """Record that a browser has signed in, and forget sessions that are over."""
+    over = or_(
+        SignedIn.used_at < now() - timedelta(days=days),
+        (SignedIn.account_id == account.id) & (SignedIn.epoch != account.epoch),
+    )
+    session.execute(delete(SignedIn).where(over))
+    session.add(
+        SignedIn(
+            account_id=account.id,
+            id_hash=accounts.hashed(session_id),
+            epoch=account.epoch,
+            device=device,
+        )
+    )
+
+
+def is_use_due(session: Session, session_id: str) -> bool:
+    """Return whether a recorded browser was last seen an hour ago."""
+    known = select(SignedIn.used_at).where(SignedIn.id_hash == accounts.hashed(session_id))
+    used_at = session.scalar(known)
+    return used_at is not None and used_at < now() - USE_NOTED_EVERY
+
+
+def note_device_use(session: Session, session_id: str) -> None:
+    """Record that a browser is used."""
+    known = select(SignedIn).where(SignedIn.id_hash == accounts.hashed(session_id))
+    row = session.scalar(known)
+    if row is not None:
+        row.used_at = now()
+
+
+def signed_in_devices(session: Session, account: Account, *, days: int) -> list[SignedIn]:
+    """List the browsers of an account that are signed in, the last used one first."""
+    ended = select(EndedSession.id_hash).where(EndedSession.id_hash == SignedIn.id_hash).exists()
+    found = select(SignedIn).where(
+        SignedIn.account_id == account.id,
+        SignedIn.epoch == account.epoch,
+        SignedIn.used_at > now() - timedelta(days=days),
+        ~ended,
+    )
+    return list(session.scalars(found.order_by(SignedIn.used_at.desc(), SignedIn.id.desc())))
+
+
+def end_device(session: Session, account: Account, *, id: int) -> None:
+    """Sign one browser of an account out. Raises NotFound."""
+    row = session.get(SignedIn, id)
+    if row is None or row.account_id != account.id:
+        raise NotFound("this browser is no longer signed in", hint="reload the page")
+    session.merge(EndedSession(id_hash=row.id_hash))
+    session.delete(row)
+
+
+def is_device_of(row: SignedIn, session_id: str) -> bool:
+    return row.id_hash == accounts.hashed(session_id)

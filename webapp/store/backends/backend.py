@@ -36,21 +36,12 @@ MOVED = "library_moved"
 
 
 class Backend(ABC):
-    """A kind of database."""
-
     reading: ClassVar[Mapping[str, Any]] = {}
     """Options of read-only connections, so that each sees a consistent snapshot."""
 
     @abstractmethod
     def make_engine(self, url: URL, *, threads: int) -> Engine:
-        """Create the engine, without connecting yet.
-
-        Args:
-            threads: Number of threads that use it in parallel.
-
-        Raises:
-            MissingPart: The driver is not installed.
-        """
+        """Create the engine, without connecting yet."""
 
     @abstractmethod
     def writer_lock(self) -> AbstractContextManager[object]:
@@ -58,11 +49,7 @@ class Backend(ABC):
 
     @abstractmethod
     def migration(self, connection: Connection) -> AbstractContextManager[None]:
-        """Check the database, and prevent concurrent migrations.
-
-        Raises:
-            StorageError: The database cannot hold a library.
-        """
+        """Check the database, and prevent concurrent migrations."""
 
     @abstractmethod
     def expanded_since(self, connection: Connection) -> str | None:
@@ -137,7 +124,6 @@ def has_moved() -> StorageError:
 
 
 def read_only(where: str) -> DatabaseUnavailable:
-    """Return the error for a change of a database that is read-only."""
     return DatabaseUnavailable(
         "the database is read-only",
         wait_s=AGAIN_S,

@@ -216,7 +216,6 @@ class Postgresql(Backend):
             raise TimeoutError from error
 
     def announce(self, connection: Connection, topic: str) -> None:
-        """Notify the listeners."""
         connection.execute(text("SELECT pg_notify(:channel, :topic)"), {"channel": CHANNEL, "topic": topic})
 
     def listener(self, engine: Engine) -> Listener:
@@ -236,7 +235,6 @@ class Postgresql(Backend):
         return RequestCounts(engine)
 
     def photo_search(self, engine: Engine) -> PhotoSearch:
-        """Create the search by pgvector."""
         return PhotoSearch(engine)
 
     def insert(

@@ -68,7 +68,6 @@ class Sqlite(Backend):
         """Do nothing."""
 
     def error(self, error: DBAPIError, *, where: str) -> ExpMapError | None:
-        """Convert an error of SQLite."""
         if type(error) not in (DatabaseError, OperationalError):
             return None
         code = getattr(error.orig, "sqlite_errorcode", None) or 0

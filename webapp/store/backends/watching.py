@@ -24,8 +24,6 @@ _TURN_S = 0.5
 
 
 class Watch(Protocol):
-    """Waits for a topic."""
-
     def wait(self, seconds: float) -> bool:
         """Wait until it is time to look again, at most `seconds`; return whether a change was announced."""
 
@@ -61,7 +59,6 @@ class Listener:
 
     @contextmanager
     def watch(self, topic: str, *, look_s: float) -> Iterator[Watch]:
-        """Watch a topic in the block."""
         woken = threading.Event()
         with self._lock:
             self._waiting[topic].add(woken)
@@ -82,7 +79,6 @@ class Listener:
         return self._listening
 
     def close(self) -> None:
-        """Stop listening."""
         self._closed.set()
         if self._thread is not None:
             self._thread.join()

@@ -16,15 +16,11 @@ _HAS_BOXES = text("photo.blurred IS NOT NULL")
 
 
 def boxes_of(photo: Photo) -> list[BlurBox]:
-    """Return the blurred boxes of a photo."""
     return [BlurBox(**box) for box in photo.blurred or ()]
 
 
 def boxes_of_files(session: Session, hashes: Iterable[str]) -> dict[str, tuple[BlurBox, ...]]:
     """Return the boxes that are blurred in some files on any map, also one in the bin or deleted.
-
-    Args:
-        hashes: SHA-256 of the files.
 
     Returns:
         By SHA-256, without repetitions; files without any are absent.

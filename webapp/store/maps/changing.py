@@ -17,8 +17,6 @@ INDEX_JOB = "index"
 
 @dataclass(slots=True)
 class MapChange:
-    """A change of a map in progress."""
-
     session: Session
     record: MapRecord  # Loaded in `session`
     # Set at the end of the block if the photos on the map have changed: the job that updates the index.
@@ -35,9 +33,6 @@ def change_map(session: Session, map_id: int) -> Iterator[MapChange]:
 
     Args:
         session: A writing one, which the caller commits.
-
-    Raises:
-        NotFound: The map does not exist.
     """
     record = session.get(MapRecord, map_id, with_for_update=True)
     if record is None:

@@ -57,7 +57,6 @@ def _oldest_undone(columns: Any) -> Select[Any]:
 
 
 def _own(columns: Any, state: str) -> Select[Any]:
-    """Select the edits of an account on a map that are in a state."""
     there = Edit.map_id == bindparam("map_id"), Edit.account_id == bindparam("account_id")
     return select(columns).where(*there, Edit.state == state)
 
@@ -81,8 +80,6 @@ _CLOSE_UNDONE = (  # a parameter of an UPDATE cannot have the name of a column
 
 @dataclass(frozen=True, slots=True)
 class UndoResult:
-    """The result of an undo or redo."""
-
     edit: Edit
     # Why it was not done: the same thing has been changed since. The edit is then closed, so that the next
     # undo takes the one before.
@@ -98,7 +95,6 @@ class NextStep:
 
 
 def is_of_photo(target: str) -> bool:
-    """Return whether a target ends with the id of a photo."""
     return target.startswith(("photo/", "placed/"))
 
 
@@ -111,17 +107,13 @@ def apply(
     account_id: int | None,
     seen: int | None = None,
 ) -> Edit | None:
-    """Change some fields of a map as one step that can be undone.
+    """Change some fields of a map as one step that can be undone; None if nothing changes.
 
     Args:
         changes: New values of fields by target; None removes a position in another placement, a control
             point, a note or a floor. A photo's position without `radius_px` is exact.
         kind: A word for the edit: `place`, `move`, `turn`, `remove`, `satellite` ...
         account_id: Author of the edit.
-        seen: Newest revision that the author has seen. A target that changed later is a conflict.
-
-    Returns:
-        None if all fields already have these values.
 
     Raises:
         Conflict: Nothing was changed.
@@ -269,7 +261,6 @@ class _Rows:
         return self._elsewhere.get((placement, int(number)))
 
     def revision(self, target: str) -> int:
-        """Return the revision that last changed a target."""
         if target == "map":
             return self.record.satellite_revision
         if target.split("/", 1)[0] in _LISTED:
@@ -366,10 +357,6 @@ def placed_on_present_image(
 
     Others have placed photos on the present image since an edit set or removed it, or photos would lie
     outside the restored image.
-
-    Args:
-        edit: To be undone or redone, which brings another image back.
-        image: Fields of that image.
     """
     later = (
         select(Edit, Account.name)

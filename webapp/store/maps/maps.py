@@ -1,11 +1,14 @@
-"""Maps of the library, the roles of accounts on them, and the records of their photos."""
+"""Maps of the library, the roles of accounts on them, and their photos, also by day."""
 
 from __future__ import annotations
 
 import re
+import secrets
 import unicodedata
-from collections.abc import Collection, Iterator, Sequence
-from itertools import count, islice
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from itertools import count, groupby, islice
 from typing import Any, Literal, NamedTuple
 
 from sqlalchemy import ColumnElement, Select, func, select
@@ -18,7 +21,7 @@ from webapp.errors import NotAllowed, NotFound, UsageError
 from webapp.store.clock import now
 from webapp.store.list_parts import ListCursor, ListPart, last_changed_first
 from webapp.store.maps.blurred import take_over_boxes
-from webapp.store.schema import Account, Edit, MapRecord, Member, Photo
+from webapp.store.schema import Account, Edit, MapRecord, Member, Photo, Upload
 
 Role = Literal["owner", "editor", "viewer"]
 ROLES: tuple[Role, ...] = ("viewer", "editor", "owner")
@@ -41,9 +44,6 @@ def create(session: Session, name: str, *, account_id: int, folders: Collection[
 
     Args:
         folders: Existing folders of the library, whose names cannot become the map's slug.
-
-    Raises:
-        UsageError: The name is empty or too long.
     """
     record = MapRecord(name=checked_name(name), slug=_free_slug(session, name, folders))
     session.add(record)
@@ -67,9 +67,6 @@ def rename(record: MapRecord, name: str, *, description: str | None = None) -> N
 
     Args:
         description: What the map is, for visitors; empty for none. None keeps it.
-
-    Raises:
-        UsageError: The name is empty or too long, or the description is too long or not printable.
     """
     wanted = (
         checked_name(name),
@@ -153,7 +150,6 @@ def list_maps(session: Session, account: Account, *, part: ListPart = _ALL) -> l
 
 
 def cursor(record: MapRecord) -> ListCursor:
-    """Return the position in the list after a map."""
     return ListCursor(record.changed_at, record.id)
 
 
@@ -187,7 +183,6 @@ def put_into_bin(record: MapRecord) -> None:
 
 
 def take_from_bin(record: MapRecord) -> None:
-    """Restore a map from the bin."""
     record.binned_at = None
 
 
@@ -275,11 +270,7 @@ def photos_by_id(session: Session, record: MapRecord, ids: Collection[int]) -> d
 
 
 def present_photos(session: Session, record: MapRecord, ids: Collection[int]) -> dict[int, Photo]:
-    """Fetch many photos, none of which may be removed.
-
-    Raises:
-        NotFound: The map does not have one of them, or it was removed.
-    """
+    """Fetch many photos, none of which may be removed."""
     found = photos_by_id(session, record, ids)
     for id in ids:
         if id not in found or found[id].removed:
@@ -303,9 +294,6 @@ def add_photo(session: Session, record: MapRecord, *, row: Photo) -> Photo:
 
     Args:
         row: Without map and revision; if it has no id, it gets the next one.
-
-    Returns:
-        `row`, or the existing photo.
     """
     same = select(Photo).where(Photo.map_id == record.id, Photo.sha256 == row.sha256)
     there = session.scalars(same).first()
@@ -327,7 +315,6 @@ def add_photo(session: Session, record: MapRecord, *, row: Photo) -> Photo:
 
 
 def reserve_id(record: MapRecord) -> int:
-    """Reserve the next photo id of a map."""
     record.next_id += 1
     return record.next_id - 1
 
@@ -392,3 +379,133 @@ def _free_slug(session: Session, name: str, folders: Collection[str]) -> str:
     taken |= RESERVED.union(folders)
     slugs = (base if n == 1 else f"{base}-{n}" for n in range(1, len(taken) + 3))
     return next(slug for slug in slugs if slug not in taken)
+
+
+_day = func.substr(Photo.taken_at, 1, 10)
+
+
+@dataclass(frozen=True, slots=True)
+class DayOfMap:
+    map: MapRecord
+    count: int
+    first: tuple[Photo, ...]  # The first of them
+
+
+@dataclass(frozen=True, slots=True)
+class Day:
+    date: str  # YYYY-MM-DD, by the cameras' clocks
+    maps: tuple[DayOfMap, ...]
+
+
+def days_with_photos(
+    session: Session, account: Account, *, before: str | None, most: int, photos: int
+) -> list[Day]:
+    """List days with placed photos on maps that an account may see, the last day first.
+
+    Args:
+        before: Only days before this one; None for all.
+        photos: Maximum number of photos of a map and day.
+    """
+    shown = _placed(account)
+    known = select(_day).where(*shown, Photo.taken_at.is_not(None)).distinct()
+    if before is not None:
+        known = known.where(_day < before)
+    dates = list(session.scalars(known.order_by(_day.desc()).limit(most)))
+    same = (Photo.map_id, _day)
+    number = func.row_number().over(partition_by=same, order_by=(Photo.taken_at, Photo.id)).label("number")
+    count = func.count().over(partition_by=same).label("count")
+    found = select(Photo.map_id, Photo.id, number, count).where(*shown, _day.in_(dates)).subquery()
+    wanted = (
+        select(Photo, MapRecord, found.c.count)
+        .join(found, (found.c.map_id == Photo.map_id) & (found.c.id == Photo.id))
+        .join(MapRecord, MapRecord.id == Photo.map_id)
+        .where(found.c.number <= photos)
+        .order_by(_day.desc(), MapRecord.name, MapRecord.id, Photo.taken_at, Photo.id)
+    )
+    rows = [(photo, record, in_all) for photo, record, in_all in session.execute(wanted)]
+    grouped = groupby(rows, key=lambda row: (row[0].taken_at or "")[:10])
+    return [Day(date, _by_map(list(of_day))) for date, of_day in grouped]
+
+
+def count_without_time(session: Session, account: Account) -> int:
+    """Count the placed photos, on maps that an account may see, that no day has."""
+    found = select(func.count()).select_from(Photo).where(*_placed(account), Photo.taken_at.is_(None))
+    return session.scalar(found) or 0
+
+
+def _placed(account: Account) -> tuple[ColumnElement[bool], ...]:
+    return (Photo.map_id.in_(visible(account)), ~Photo.removed, Photo.x_px.is_not(None))
+
+
+def _by_map(rows: Sequence[tuple[Photo, MapRecord, int]]) -> tuple[DayOfMap, ...]:
+    return tuple(
+        DayOfMap(of_map[0][1], of_map[0][2], tuple(photo for photo, _, _ in of_map))
+        for of_map in (list(group) for _, group in groupby(rows, key=lambda row: row[1].id))
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Announced:
+    """A file that its sender is going to upload."""
+
+    name: str  # The sender's
+    size_bytes: int  # Of the whole file
+    fingerprint: str  # Identifies the file for its sender: made of name, size and time of the file
+    beside: Sequence[Mapping[str, str]] = ()  # Files beside the photo: `name` and `content`, as text
+
+
+def begin_upload(session: Session, record: MapRecord, *, account_id: int, file: Announced) -> Upload:
+    """Begin an upload, or return the one that the account has begun with the same fingerprint.
+
+    The photo's id is reserved now, so that photos are numbered in the order in which their uploads began.
+    """
+    same = select(Upload).where(
+        Upload.map_id == record.id, Upload.account_id == account_id, Upload.fingerprint == file.fingerprint
+    )
+    there = session.scalars(same).first()
+    if there is not None and there.size_bytes == file.size_bytes:
+        there.beside = [dict(one) for one in file.beside] or None
+        return there
+    if there is not None:
+        session.delete(there)
+        session.flush()
+    upload = Upload(
+        id=secrets.token_hex(16),
+        map_id=record.id,
+        account_id=account_id,
+        fingerprint=file.fingerprint,
+        name=file.name,
+        size_bytes=file.size_bytes,
+        beside=[dict(one) for one in file.beside] or None,
+        photo_id=reserve_id(record),
+    )
+    session.add(upload)
+    session.flush()
+    return upload
+
+
+def find_upload(session: Session, id: str, *, map_id: int, account_id: int) -> Upload:
+    """Find an upload of an account. Raises NotFound."""
+    upload = session.get(Upload, id)
+    if upload is None or (upload.map_id, upload.account_id) != (map_id, account_id):
+        raise NotFound("upload not found: it is finished or was cancelled", hint="start it again")
+    return upload
+
+
+def finish_upload(session: Session, id: str) -> None:
+    """Delete the record of an upload that is complete, refused or abandoned; no error if it is gone."""
+    upload = session.get(Upload, id)
+    if upload is not None:
+        session.delete(upload)
+
+
+def count_open_uploads(session: Session, *, account_id: int) -> int:
+    return session.scalar(select(func.count()).where(Upload.account_id == account_id)) or 0
+
+
+def uploads_begun_before(session: Session, moment: datetime) -> list[Upload]:
+    return list(session.scalars(select(Upload).where(Upload.created_at < moment)))
+
+
+def upload_ids(session: Session) -> set[str]:
+    return set(session.scalars(select(Upload.id)))

@@ -17,7 +17,7 @@ from sqlalchemy import ForeignKey, delete, func, select
 from sqlalchemy.orm import Mapped, Session, mapped_column
 
 from webapp.core.retrieval.engines.vlad import Codebook
-from webapp.core.retrieval.photo_vectors import DIMENSIONS, Basis
+from webapp.core.retrieval.global_descriptors import DIMENSIONS, Basis
 from webapp.store.schema import Base, MapRecord
 
 _SHA256_BYTES = 32
@@ -25,8 +25,6 @@ _FLOAT16 = np.dtype("<f2")
 
 
 class VectorBasis(Base):
-    """The basis by which vectors are computed."""
-
     __tablename__ = "vector_basis"
 
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -38,8 +36,6 @@ class VectorBasis(Base):
 
 
 class MapVectors(Base):
-    """The vectors of a map's photos."""
-
     __tablename__ = "map_vectors"
 
     map_id: Mapped[int] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"), primary_key=True)
@@ -55,8 +51,6 @@ class MapVectors(Base):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredBasis:
-    """A basis of the library."""
-
     id: int
     photos: int  # Number of photos of the library when it was trained
     ready: bool  # Whether the photos of all maps are described by it
@@ -131,7 +125,6 @@ def keep_vectors(
 
 
 def versions(session: Session, *, basis_id: int) -> dict[int, str]:
-    """Return the versions of all maps' vectors, by map id."""
     rows = session.execute(
         select(MapVectors.map_id, MapVectors.version).where(MapVectors.basis_id == basis_id)
     )
@@ -151,7 +144,6 @@ def matrices(
 
 
 def count_described(session: Session, *, basis_id: int) -> int:
-    """Count the photos that are described by a basis."""
     total = select(func.coalesce(func.sum(MapVectors.photos), 0)).where(MapVectors.basis_id == basis_id)
     return int(session.scalar(total) or 0)
 

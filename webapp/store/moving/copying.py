@@ -48,8 +48,6 @@ Convert = Callable[[Any], Any]
 
 @dataclass(frozen=True, slots=True)
 class TableCopy:
-    """A table that has been copied, or compared."""
-
     name: str
     rows: int
     sha256: str  # Hash of its rows, in the order of their keys
@@ -95,12 +93,10 @@ def copy_records(source: Connection, target: Database, *, progress: Progress) ->
 
     Args:
         source: In a transaction that sees a consistent snapshot.
-        progress: One step per row.
 
     Raises:
         SourceChanged: The source has changed since an earlier copy.
         StorageError, DiskFull: The database refused rows, or returns different ones.
-        Cancelled
     """
     tables = _tables(source)
     rows = {table.name: _count(source, table) for table in tables}
@@ -232,7 +228,6 @@ def _hash_of(value: bytes) -> bytes:
 
 
 def _by_column(row: Row, convert: Sequence[Convert | None]) -> tuple[Any, ...]:
-    """Convert the values of a row that are not NULL."""
     return tuple(
         value if change is None or value is None else change(value)
         for value, change in zip(row, convert, strict=True)

@@ -24,8 +24,6 @@ MARKS = frozenset(_METADATA.tables)
 
 @dataclass(frozen=True, slots=True)
 class MovedMark:
-    """The new location of moved records."""
-
     key: str  # Of the move
     place: str  # Description of the location, for messages
 
@@ -38,7 +36,6 @@ def filling_key(connection: Connection) -> str | None:
 
 
 def mark_filling(connection: Connection, key: str) -> None:
-    """Mark a database as being filled."""
     _FILLING.create(connection)
     connection.execute(_FILLING.insert().values(key=key))
 
@@ -70,6 +67,5 @@ def library_key(connection: Connection) -> str | None:
 
 
 def set_library_key(connection: Connection, key: str) -> None:
-    """Store the key of the library in its database."""
     _LIBRARY.create(connection)
     connection.execute(_LIBRARY.insert().values(key=key))

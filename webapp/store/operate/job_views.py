@@ -28,6 +28,7 @@ _FAILURE_SHOWN = timedelta(days=7)
 """For how long the page of a map shows a job that has failed, unless a newer one of its kind follows."""
 
 _RECENT = timedelta(days=1)
+_MOST_RECENT = 20
 """The same for the menu of all pages."""
 
 
@@ -60,13 +61,10 @@ def shown(session: Session, map_id: int) -> list[Job]:
     return [jobs[id] for id in sorted(jobs)]
 
 
-def recent(session: Session, *, map_ids: Select[Any], account: Account, limit: int = 20) -> list[Job]:
+def recent(session: Session, *, map_ids: Select[Any], account: Account) -> list[Job]:
     """List the jobs of some maps that wait, run, or have ended in the last day, active ones first.
 
     Jobs without a map are included if they are the account's own; an owner of the library gets all jobs.
-
-    Args:
-        map_ids: Selects the ids of the maps.
     """
     alone = Job.map_id.is_(None)
     theirs = alone if account.is_owner else alone & (Job.account_id == account.id)
@@ -74,7 +72,7 @@ def recent(session: Session, *, map_ids: Select[Any], account: Account, limit: i
         or_(Job.map_id.in_(map_ids), theirs),
         Job.id.in_(_not_ended_before(moment(session) - _RECENT)),
     )
-    found = select(Job).where(*shown).order_by(Job.state.in_(ENDED), Job.id.desc()).limit(limit)
+    found = select(Job).where(*shown).order_by(Job.state.in_(ENDED), Job.id.desc()).limit(_MOST_RECENT)
     return list(session.scalars(found))
 
 
@@ -86,8 +84,6 @@ def _not_ended_before(at: datetime) -> CompoundSelect[tuple[int]]:
 
 @dataclass(frozen=True, slots=True)
 class QueueFigures:
-    """The state of the queue."""
-
     # `waiting`, `running`: Numbers of jobs.
     waiting: int
     running: int
@@ -96,7 +92,6 @@ class QueueFigures:
 
 
 def queue_figures(session: Session) -> QueueFigures:
-    """Count the jobs that have not ended."""
     at = moment(session)
     is_left = or_(Job.leased_until.is_(None), Job.leased_until < at)
     running = select(func.count()).where(Job.state == "running")
@@ -141,9 +136,6 @@ def blocker(session: Session, job: Job, *, short: Collection[str]) -> Job | None
 
 def to_json(session: Session, job: Job, *, account_id: int | None = None) -> dict[str, Any]:
     """Return the JSON object for pages and clients.
-
-    Args:
-        account_id: Account of the client.
 
     Returns:
         `id, kind, state, done, total, note, error, result, seconds, seconds_left, next_try_s, created_at,

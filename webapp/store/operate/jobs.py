@@ -146,14 +146,7 @@ def cancel(session: Session, job: Job) -> None:
 
 
 def retry(session: Session, job: Job) -> Job:
-    """Queue a failed or cancelled job again.
-
-    Returns:
-        The same, or an equal one that is already waiting.
-
-    Raises:
-        Conflict: The job has not ended, or is done.
-    """
+    """Queue a failed or cancelled job again; return it, or an equal one that is already waiting."""
     if job.state not in ("failed", "cancelled"):
         raise Conflict(f"this job is {job.state} and cannot be retried", hint="reload the page")
     there = _waiting(session, job.kind, map_id=job.map_id, key=job.key)

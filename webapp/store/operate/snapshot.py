@@ -51,13 +51,6 @@ def copy_to(database: Database, target: Path, *, readers: Mapping[str, Reader]) 
 
     Args:
         target: Its content is replaced.
-        readers: Read further records with files.
-
-    Returns:
-        Of the copy.
-
-    Raises:
-        StorageError, DiskFull: The disk or the database failed.
     """
     try:
         if database.engine.dialect.name != "sqlite":
@@ -90,14 +83,7 @@ def _copy_from_server(database: Database, target: Path) -> None:
 
 
 def check(path: Path, *, readers: Mapping[str, Reader]) -> SnapshotContents:
-    """Check a database file for damage, and return its contents.
-
-    Args:
-        readers: Read further records with files.
-
-    Raises:
-        StorageError: The file is damaged, or not the database of a library.
-    """
+    """Check a database file for damage, and return its contents."""
     try:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as database:
             (found,) = database.execute("PRAGMA integrity_check(1)").fetchone()
@@ -128,7 +114,6 @@ def _contents(database: sqlite3.Connection, readers: Mapping[str, Reader]) -> Sn
 
 
 def _images(floors: str) -> list[str]:
-    """List the paths of the images of floors."""
     return [floor["image"]["path"] for floor in json.loads(floors) or () if floor.get("image")]
 
 

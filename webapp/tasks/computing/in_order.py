@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeVar
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.computing import local
-from webapp.tasks.computing.pool import Pool
+from webapp.tasks.computing.local import Pool
 from webapp.threads import cores
 
 Shared = TypeVar("Shared")
@@ -58,7 +58,6 @@ def in_order(
         ClusterUnavailable: The Dask scheduler cannot be reached, or the connection to it is lost.
         UsageError: Dask workers have other versions, or cannot access the folder.
         MissingPart: The extra `cluster` is not installed.
-        Cancelled
     """
     todo = deque(islice(items := iter(items), 1))
     if not todo:

@@ -6,21 +6,20 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
 from itertools import takewhile
 from multiprocessing import connection
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 
 from webapp.errors import ProcessLost
 from webapp.logs import Carried, carried, take_over
 from webapp.settings import keep_freed_memory
-from webapp.tasks.computing.pool import LOOK_EVERY_S, Part
 from webapp.threads import ContextThreads
 
 
@@ -53,7 +52,6 @@ class LocalPool:
         self.at_once = at_once
 
     def submit(self, item: Any, *, of: int) -> Future[Any]:
-        """Submit a part."""
         with _interrupts_held_back():
             return self._executor.submit(self._do, item)
 
@@ -81,7 +79,6 @@ def threads(function: Part, shared: Any, *, workers: int) -> LocalPool:
 
 
 def processes(function: Part, shared: Any, *, workers: int) -> LocalPool:
-    """Make a pool of processes."""
     # Spawned, not forked: OpenCV and Faiss have threads that do not survive a fork.
     context = multiprocessing.get_context("spawn")
     executor = ProcessPoolExecutor(
@@ -118,3 +115,31 @@ def start_worker(log: Carried) -> None:
 def _end_with(sentinel: int) -> None:
     connection.wait([sentinel])
     os._exit(1)
+
+
+LOOK_EVERY_S = 0.5
+"""Maximum duration of a wait, so that the work can be cancelled."""
+
+Part = Callable[[Any, Any], Any]
+"""A module-level, thread-safe function of the shared value and an item."""
+
+
+class Pool(Protocol):
+    """Runs parts of some work."""
+
+    @property
+    def at_once(self) -> int:
+        """Maximum number of submitted parts, which bounds the memory."""
+
+    def submit(self, item: Any, *, of: int) -> Any:
+        """Submit a part; return its handle.
+
+        Args:
+            of: Number of parts that are submitted or about to be: with few, each gets more cores.
+        """
+
+    def finished(self, waiting: Sequence[Any]) -> Iterator[Any]:
+        """Yield the results of the first parts that are finished, after a short wait for the first one."""
+
+    def close(self, waiting: Sequence[Any]) -> None:
+        """Cancel pending parts and shut down."""

@@ -5,25 +5,30 @@ from __future__ import annotations
 import math
 import platform
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import faiss
 import numpy as np
 
 from webapp import __version__
-from webapp.core.evaluation.summary import WITHIN_PX, summarise
-from webapp.core.evaluation.types import QueryResult
+from webapp.core.evaluation.metrics import WITHIN_PX, QueryResult, summarise
+from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.local import LocalFrame
+from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.jsonform import answer_to_json, failure_to_json
 from webapp.core.hypotheses.model import AnswerSource
 from webapp.core.mapmodel.model import Experience, Map
-from webapp.errors import UsageError
+from webapp.errors import PhotoError, UsageError
+from webapp.files.exchange.tum import PlanarPose
 from webapp.files.localize import queries_csv
+from webapp.files.localize.calibration import StoredCalibration
 from webapp.progress import Progress
-from webapp.tasks.evaluation.measure import QueryTrial, measure, measure_all
+from webapp.tasks.computing.in_order import ExecutionTarget, in_order
 from webapp.tasks.evaluation.types import (
     EvaluateOptions,
     Evaluation,
@@ -32,7 +37,9 @@ from webapp.tasks.evaluation.types import (
     Scheme,
     Subject,
 )
-from webapp.tasks.localize.pipeline import LocalizationPipeline
+from webapp.tasks.localize import geometry, orient_map
+from webapp.tasks.localize.open_index import MapSource, RebuiltValue
+from webapp.tasks.localize.pipeline import LocalizationPipeline, Look
 
 
 def evaluate_queries(
@@ -47,10 +54,8 @@ def evaluate_queries(
     """Evaluate on a list of photos with known positions.
 
     Args:
-        queries: The list, `path;x;y`.
         map_folder: Folder to which the map's paths are relative.
         localize: Used instead of the localizer's own method, such as a filter over a sequence.
-        progress: One step per photo.
 
     Returns:
         A photo that cannot be used counts as a failed query.
@@ -80,9 +85,6 @@ def evaluate_self(
     progress: Progress | None = None,
 ) -> list[Evaluation]:
     """Evaluate on the map's own photos, each hidden from the map.
-
-    Args:
-        localizer, map_folder, options, progress: As for `evaluate_queries`.
 
     Returns:
         One with `hide_within_px`. By default two: with only the photo itself hidden (leave-one-out), and with
@@ -272,3 +274,133 @@ def versions() -> dict[str, str]:
         "faiss": faiss.__version__,
         "experience-map": __version__,
     }
+
+
+_Sight = tuple[int, MapPixel, float | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectories:
+    """Estimated and true poses, with the number of the query as timestamp."""
+
+    estimate: list[PlanarPose]  # Poses of the first hypotheses; queries without one are left out
+    truth: list[PlanarPose]
+    frame: str  # Description of axes and units, for people
+
+
+def trajectories(results: Iterable[QueryResult], themap: Map) -> Trajectories:
+    """Convert the first hypotheses and the truth to a common frame.
+
+    With a georeference: metres east (x) and north (y) of the first true position; without one: map pixels, x
+    to the right and y down. Yaw is from x towards y in both.
+    """
+    found: list[_Sight] = []
+    true: list[_Sight] = []
+    for number, result in enumerate(results):
+        true.append((number, result.truth, result.truth_heading_deg))
+        hypotheses = () if result.answer is None else result.answer.hypotheses[:1]
+        found.extend((number, first.position, first.heading_deg) for first in hypotheses)
+    if themap.georeference is None:
+        frame = "map pixels: x to the right, y down; yaw from x towards y"
+        return Trajectories([_in_pixels(s) for s in found], [_in_pixels(s) for s in true], frame)
+    origins = [themap.georeference.latlon_of(position) for _, position, _ in true]
+    origin = next((one for one in origins if math.isfinite(one.lat)), None)
+    if origin is None:
+        return Trajectories([], [], "no query has a place on the ground")
+    local = LocalFrame(origin)
+    frame = f"metres east (x) and north (y) of {origin.lat:.8f}, {origin.lon:.8f}; yaw from x towards y"
+    return Trajectories(
+        _in_metres(found, themap.georeference, local), _in_metres(true, themap.georeference, local), frame
+    )
+
+
+def _in_pixels(sight: _Sight) -> PlanarPose:
+    number, position, heading = sight
+    yaw = None if heading is None else math.radians(heading - 90)
+    return PlanarPose(float(number), position.x, position.y, yaw)
+
+
+def _in_metres(sights: list[_Sight], georeference: Georeference, local: LocalFrame) -> list[PlanarPose]:
+    places = georeference.enu_from_pixel([position for _, position, _ in sights], local)
+    poses = []
+    for (number, _, heading), (east, north) in zip(sights, places, strict=True):
+        # A position beyond the horizon of a tilted image has no coordinates on the ground.
+        if math.isfinite(east):
+            yaw = None if heading is None else math.radians(90 - heading)
+            poses.append(PlanarPose(float(number), float(east), float(north), yaw))
+    return poses
+
+
+class QueryTrial(NamedTuple):
+    """A query without an answer, its photo, and the experience ids to hide from it."""
+
+    query: QueryResult
+    photo: Path
+    hide: frozenset[int] = frozenset()
+
+
+def measure(localize: Localize, trial: QueryTrial, *, top: int) -> QueryResult:
+    """Localize one photo; a photo that cannot be used is a failed query."""
+    try:
+        answer = localize(trial.photo, top=top, hide=trial.hide)
+    except PhotoError as error:
+        return replace(trial.query, error=str(error))
+    # Only the best photo's matches are shown later; to keep all would need too much memory.
+    return replace(trial.query, answer=replace(answer, evidence=answer.evidence[:1]))
+
+
+def measure_all(
+    pipeline: LocalizationPipeline, trials: Sequence[QueryTrial], *, top: int, progress: Progress
+) -> Iterator[QueryResult]:
+    """Localize all photos; the results are in their order.
+
+    Raises Cancelled, ProcessLost, ClusterUnavailable, UsageError, MissingPart.
+    """
+    at = ExecutionTarget(pipeline.settings, pipeline.opened.writable)
+    first = pipeline.looks[0]
+    if first.around is not None or first.opened.method == "vote":
+        at = at.on_this_machine()  # landmarks made on demand are reused for the following photos
+    files = [
+        _LookFiles(MapSource.of(look.opened), look.calibration, look.sightings is not None)
+        for look in pipeline.looks
+    ]
+    again = RebuiltValue(partial(_open_again, replace(pipeline, looks=()), files), pipeline)
+    absolute = [trial._replace(photo=trial.photo.absolute()) for trial in trials]
+    return in_order(_measure_trial, absolute, shared=(again, top), at=at, progress=progress)
+
+
+def _measure_trial(shared: tuple[RebuiltValue[LocalizationPipeline], int], trial: QueryTrial) -> QueryResult:
+    pipeline, top = shared
+    return measure(pipeline.value().localize, trial, top=top)
+
+
+class _LookFiles(NamedTuple):
+    """All that a Dask worker needs to open a look again."""
+
+    files: MapSource
+    calibration: StoredCalibration | None
+    hides: bool
+
+    def open(self) -> Look:
+        opened = geometry.prepare_geometry(self.files.open(), progress=Progress())
+        look = Look(opened, self.calibration)
+        return _with_sightings(look) if self.hides else look
+
+
+def _open_again(pipeline: LocalizationPipeline, files: Sequence[_LookFiles]) -> LocalizationPipeline:
+    """Open the looks of a pipeline that has none; raises the same errors as `MapSource.open`."""
+    return replace(pipeline, looks=tuple(look.open() for look in files))
+
+
+def with_hidden_photos(pipeline: LocalizationPipeline) -> LocalizationPipeline:
+    """Prepare a pipeline for queries from its own map, which are hidden: depths are computed without them.
+
+    Raises StorageError.
+    """
+    return replace(pipeline, looks=tuple(map(_with_sightings, pipeline.looks)))
+
+
+def _with_sightings(look: Look) -> Look:
+    if look.calibration is None:
+        return look
+    return replace(look, sightings=orient_map.sightings(look.opened))

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.evaluation.metrics import reliability_bins
-from webapp.core.evaluation.types import ReliabilityBin
+from webapp.core.evaluation.metrics import ReliabilityBin, reliability_bins
 from webapp.errors import StorageError
 from webapp.files.atomic import write_text
 from webapp.files.listing import DERIVED
@@ -36,8 +35,6 @@ class Miss:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredEvaluation:
-    """One scheme of the evaluation."""
-
     figures: dict[str, Any]  # Output of `expmap evaluate --json` without the queries
     # (n,) float64. Errors of the first hypotheses, map pixels; infinite without a hypothesis.
     errors: NDArray[np.float64]
@@ -48,22 +45,14 @@ class StoredEvaluation:
 
 
 def keep(cfg: Path, evaluations: Sequence[Evaluation]) -> list[dict[str, Any]]:
-    """Write an evaluation, replacing the previous one. Raises StorageError.
-
-    Returns:
-        The objects that were written.
-    """
+    """Write an evaluation, replacing the previous one. Raises StorageError."""
     forms = [evaluate.to_json(one) for one in evaluations]
     write_text(_path(cfg), json.dumps(forms))
     return forms
 
 
 def read(cfg: Path) -> tuple[StoredEvaluation, ...]:
-    """Read the last evaluation; an empty tuple if there is none.
-
-    Raises:
-        StorageError: The file cannot be read.
-    """
+    """Read the last evaluation; an empty tuple if there is none."""
     forms = read_forms(cfg)
     try:
         return tuple(_kept(form, _written(cfg)) for form in forms)
@@ -72,11 +61,7 @@ def read(cfg: Path) -> tuple[StoredEvaluation, ...]:
 
 
 def read_forms(cfg: Path) -> list[dict[str, Any]]:
-    """Read the last evaluation as JSON objects; an empty list if there is none.
-
-    Raises:
-        StorageError: The file cannot be read.
-    """
+    """Read the last evaluation as JSON objects; an empty list if there is none."""
     try:
         forms: list[dict[str, Any]] = json.loads(_path(cfg).read_text(encoding="utf-8"))
     except FileNotFoundError:

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol
 
-from webapp.core.evaluation.summary import Row, row
-from webapp.core.evaluation.types import QueryResult, Summary
+from webapp.core.evaluation.metrics import QueryResult, Row, Summary, row
 from webapp.core.hypotheses.model import Answer
 from webapp.core.hypotheses.places import MapKind
 from webapp.core.mapmodel.model import Map
@@ -16,14 +15,8 @@ Scheme = Literal["queries", "leave-one-out", "leave-one-place-out"]
 
 
 class Localize(Protocol):
-    """Localizes one photo."""
-
     def __call__(self, photo_path: Path, *, top: int, hide: frozenset[int] = frozenset()) -> Answer:
-        """Localize a photo as if the experiences `hide` were not on the map.
-
-        Raises:
-            PhotoError: The photo cannot be used.
-        """
+        """Localize a photo as if the experiences `hide` were not on the map."""
 
 
 class Localizer(Protocol):
@@ -72,8 +65,6 @@ class Localizer(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class EvaluateOptions:
-    """Options of an evaluation."""
-
     limit: int | None = None
     """Maximum number of queries, evenly spread; None takes all."""
 

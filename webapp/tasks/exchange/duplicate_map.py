@@ -15,13 +15,12 @@ from webapp.errors import NotFound, StorageError
 from webapp.files.contents import with_pointer
 from webapp.files.listing import DERIVED
 from webapp.files.maps.lists import LISTS
-from webapp.files.photos.preview import SIDES, preview_path
+from webapp.files.photos.photo import SIDES, preview_path
 from webapp.progress import Progress
 from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.maps.blurred import boxes_of
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
-from webapp.tasks import staging
 from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.maps import adopt_map
 from webapp.tasks.maps.library_map import floors
@@ -47,14 +46,6 @@ def duplicate_map(
 
     Photos, images and indexes are never changed in place, so that both maps can share them by hard links.
 
-    Args:
-        account_id: Owner of the copy.
-        name: Name of the copy.
-        progress: One step per file.
-
-    Returns:
-        Slug of the copy.
-
     Raises:
         NotFound, UsageError: The map does not exist, or the name is not valid.
         StorageError, Cancelled: No copy was made.
@@ -63,7 +54,7 @@ def duplicate_map(
     with library.database.read() as session:
         original = _read(session, map_id)
     there = library.map_folder(original.record.slug)
-    place = staging.make(library)
+    place = adopt_map.make_staging(library)
     try:
         wanted = _files(there, original.record, original.photos)
         _copy_files(there, place / "map", wanted=wanted, progress=progress or Progress())

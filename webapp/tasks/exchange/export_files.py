@@ -1,14 +1,22 @@
-"""Downloads of a map: `.cfg`, GeoJSON, KML, KMZ, and the whole map as a zip that can be imported again."""
+"""Downloads of a map (`.cfg`, GeoJSON, KML, KMZ, or all as a zip), and of its answers."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Literal
 
 from filelock import FileLock
 
 from webapp.core.mapmodel.model import Map
 from webapp.errors import DiskFull, DiskReadOnly, MapError, NotFound
+from webapp.files.exchange.answers import (
+    AnswerRow,
+    format_answers_csv,
+    format_answers_geojson,
+    format_answers_gpx,
+)
 from webapp.files.exchange.geojson import format_geojson
 from webapp.files.exchange.kml import Pictures, format_kml
 from webapp.files.exchange.zip_stream import ZipMember, stream_zip
@@ -17,9 +25,18 @@ from webapp.files.maps.folder import json_path, photo_path, placed_map, placemen
 from webapp.files.maps.map_json import format_map_json
 from webapp.progress import Progress
 from webapp.settings import Settings
+from webapp.store import queries
 from webapp.store.library import Library
-from webapp.tasks.exchange.export_source import Download, Source, of_library
-from webapp.tasks.exchange.thumbnails import encode_picture, satellite_picture, thumbnail
+from webapp.store.schema import MapRecord, QueryRecord
+from webapp.tasks.exchange.export_source import (
+    Download,
+    Source,
+    encode_picture,
+    of_library,
+    plain_name,
+    satellite_picture,
+    thumbnail,
+)
 from webapp.tasks.maps import export
 
 UNPLACED = "unplaced"
@@ -36,9 +53,6 @@ def export_map_zip(library: Library, map_id: int, *, progress: Progress | None =
     """Return a map of the library as a zip that is generated while it is streamed.
 
     Photos that are missing on the disk are left out: the linter reports them after an import.
-
-    Args:
-        progress: One step per photo.
 
     Raises:
         NotFound, UsageError: The map does not exist, or it has no satellite image yet.
@@ -103,13 +117,10 @@ def export_map_cfg(library: Library, map_id: int, *, placement: str | None = Non
 
 
 def map_files(library: Library, map_id: int, *, source: Source) -> dict[str, bytes]:
-    """Return the text files of a map, all of the same revision.
+    """Return the text files of a map, all of the same revision, by name.
 
     They are read from the disk; if the `.cfg` there was changed from outside, or cannot be brought up to
     date as the disk takes nothing, they are made from `source`.
-
-    Returns:
-        By name: `map.cfg`, `map.json` if the map needs one, `NAME.cfg`.
     """
     try:
         is_current = export.export_map(library, map_id)
@@ -124,7 +135,6 @@ def map_files(library: Library, map_id: int, *, source: Source) -> dict[str, byt
 
 
 def texts_of(map_: Map) -> dict[str, bytes]:
-    """Generate the text files of a map, by name."""
     texts: Mapping[str, bytes] = {
         "map.cfg": format_cfg(map_),
         "map.json": format_map_json(map_),
@@ -133,24 +143,12 @@ def texts_of(map_: Map) -> dict[str, bytes]:
 
 
 def export_map_kml(source: Source) -> Download:
-    """Return the photos of a map as KML.
-
-    Raises:
-        UsageError: The map has no georeference.
-    """
     data = format_kml(source.map, source.georeference(), title=source.title)
     return Download(f"{source.name}.kml", "application/vnd.google-earth.kml+xml", data)
 
 
 def export_map_kmz(source: Source, *, settings: Settings, progress: Progress | None = None) -> Download:
-    """Return the photos of a map as KMZ, generated while it is streamed.
-
-    Args:
-        progress: One step per photo.
-
-    Raises:
-        UsageError: The map has no georeference.
-    """
+    """Return the photos of a map as KMZ, generated while it is streamed."""
     source.georeference()
     pieces = stream_zip(_kmz_members(source, settings=settings, progress=progress or Progress()))
     return Download(f"{source.name}.kmz", "application/vnd.google-earth.kmz", pieces)
@@ -176,10 +174,53 @@ def _kmz_members(source: Source, *, settings: Settings, progress: Progress) -> I
 
 
 def export_map_geojson(source: Source) -> Download:
-    """Return the photos of a map as points on the Earth.
-
-    Raises:
-        UsageError: The map has no georeference.
-    """
+    """Return the photos of a map as points on the Earth."""
     data = format_geojson(source.map, source.georeference(), title=source.title)
     return Download(f"{source.name}.geojson", "application/geo+json", data)
+
+
+AnswerFormat = Literal["csv", "gpx", "geojson"]
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerRange:
+    # `first`, `last`: Ids, inclusive; None for no limit.
+    first: int | None = None
+    last: int | None = None
+    account_id: int | None = None  # Account that asked; None for all
+
+
+def export_answers(library: Library, map_id: int, *, form: AnswerFormat, which: AnswerRange) -> Download:
+    """Write answers of a map, the oldest first."""
+    with library.database.read() as session:
+        record = session.get_one(MapRecord, map_id)
+        found = queries.answers(
+            session, record, first=which.first, last=which.last, account_id=which.account_id
+        )
+        rows, title, name = [_row(query) for query in found], record.name, plain_name(record.slug)
+    match form:
+        case "csv":
+            return Download(f"{name}-answers.csv", "text/csv; charset=utf-8", format_answers_csv(rows))
+        case "gpx":
+            data = format_answers_gpx(rows, title=title)
+            return Download(f"{name}-answers.gpx", "application/gpx+xml", data)
+        case _:
+            data = format_answers_geojson(rows, title=title)
+            return Download(f"{name}-answers.geojson", "application/geo+json", data)
+
+
+def _row(query: QueryRecord) -> AnswerRow:
+    first: dict[str, Any] = next(iter(query.answer["hypotheses"]), {})
+    return AnswerRow(
+        id=query.id,
+        photo=query.name,
+        probability=first.get("probability"),
+        off_map_probability=query.answer.get("off_map_probability"),
+        x_px=first.get("x_px"),
+        y_px=first.get("y_px"),
+        lat=first.get("lat"),
+        lon=first.get("lon"),
+        radius_m=first.get("radius_m"),
+        heading_deg=first.get("heading_deg"),
+        floor=first.get("floor_name"),
+    )

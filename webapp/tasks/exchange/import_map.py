@@ -1,4 +1,4 @@
-"""Imports a zip of a `.cfg` and its folder as a map of the library."""
+"""Imports a zip of a `.cfg` and its folder, also with unplaced photos, as a map of the library."""
 
 from __future__ import annotations
 
@@ -10,22 +10,26 @@ from pathlib import Path, PurePosixPath
 
 from webapp.core.mapmodel.findings import Code, Finding, quoted
 from webapp.core.mapmodel.model import Map, Placement
-from webapp.errors import Conflict, InputError, MapError, NotFound
-from webapp.files.atomic import write_bytes
+from webapp.errors import Conflict, InputError, MapError, NotFound, PhotoError
+from webapp.files.atomic import storage_error, write_bytes
 from webapp.files.exchange.map_zip import UnpackedMap, unpack
 from webapp.files.json_fields import most_values_in
+from webapp.files.listing import folded, list_photos
 from webapp.files.maps.cfg import read_bytes, read_cfg
+from webapp.files.maps.cfg_scan import scan
 from webapp.files.maps.folder import json_path, placement_path, read_map, read_map_json
 from webapp.files.maps.map_json import check_placement_name, format_map_json
+from webapp.files.photos.sidecars import sidecars_in
 from webapp.progress import Progress
-from webapp.settings import Settings
+from webapp.settings import PhotoLimits, Settings
 from webapp.store.database import Writes
 from webapp.store.library import Library
 from webapp.store.maps import maps
-from webapp.store.schema import MapRecord
-from webapp.tasks import staging
-from webapp.tasks.exchange import import_tray
+from webapp.store.schema import MapRecord, Photo
+from webapp.tasks.exchange.export_files import UNPLACED
 from webapp.tasks.maps import adopt_map, check_map
+from webapp.tasks.maps.adopt_map import FolderContents
+from webapp.tasks.maps.check_map import orphan_photos
 from webapp.tasks.relative_paths import relative_finding, show_relative_to
 from webapp.tasks.satellite.upright import make_floors_upright, make_plan_upright
 
@@ -35,9 +39,6 @@ def choose_map(unpacked: UnpackedMap) -> Path:
 
     A `.cfg` that the JSON of another one lists as a placement is not a map; of several maps, `map.cfg` is
     chosen.
-
-    Returns:
-        The `map.cfg`.
 
     Raises:
         InputError: There is none, or there are several.
@@ -69,12 +70,7 @@ def choose_map(unpacked: UnpackedMap) -> Path:
 
 
 def add_placements(cfg: Path) -> None:
-    """Add the other `.cfg` files next to a valid map to its `map.json`, as placements.
-
-    Raises:
-        InputError: One is not a placement of this map.
-        MapError: One cannot be read.
-    """
+    """Add the other `.cfg` files next to a valid map to its `map.json`, as placements."""
     there = {cfg, *_known_placements(cfg)}
     others = [path for path in sorted(cfg.parent.glob("*.cfg")) if path not in there]
     if not others:
@@ -124,8 +120,6 @@ _TOLERATED = frozenset({Code.MISSING_PHOTO, Code.UNREADABLE_PHOTO})
 
 @dataclass(frozen=True, slots=True)
 class ImportedMap:
-    """The new map."""
-
     map_id: int
     slug: str
     findings: tuple[Finding, ...]  # Findings of the linter
@@ -159,15 +153,12 @@ def import_map(
 
     Args:
         archive: The zip; it is not changed.
-        account_id: Owner of the map.
-        name: Display name of the map.
         settings: The limits of imports and photos.
         progress: One step per file in each of three phases: unpacking, checking, reading.
 
     Raises:
         InputError: It is not a zip, is not safe, or holds no map or several.
         MapRefused: The map has errors; with the findings of the linter.
-        StorageError, UsageError, Cancelled
     """
     name = maps.checked_name(name)
     with _unpacked(library, archive, settings=settings, progress=progress or Progress()) as found:
@@ -189,7 +180,6 @@ def run_into(
     Parameters and errors are those of `import_map`, and:
 
     Args:
-        library, archive, settings, progress: As in `import_map`.
         writes: Opens the write session; a job passes its own, which checks its lease.
 
     Raises:
@@ -222,7 +212,7 @@ class _Found:
 @contextmanager
 def _unpacked(library: Library, archive: Path, *, settings: Settings, progress: Progress) -> Iterator[_Found]:
     """Unpack, check and read a zip in a temporary folder."""
-    place = staging.make(library)
+    place = adopt_map.make_staging(library)
     try:
         progress.note("unpacking")
         folder = place / "map"
@@ -234,13 +224,13 @@ def _unpacked(library: Library, archive: Path, *, settings: Settings, progress: 
         make_plan_upright(cfg, scratch=place, settings=settings)
         make_floors_upright(cfg, scratch=place, settings=settings)
         with show_relative_to(cfg.parent):
-            tray = import_tray.set_aside(cfg, place / "tray")
+            tray = set_tray_aside(cfg, place / "tray")
             progress.note("checking")
             findings, decoded = _checked(cfg, settings=settings, progress=progress)
             add_placements(cfg)
             progress.note("reading photos")
             contents = adopt_map.read(cfg, limits=settings.photo, progress=progress, decoded=decoded)
-            contents, not_taken = import_tray.take_back(
+            contents, not_taken = take_tray_back(
                 contents, tray, cfg=cfg, limits=settings.photo, progress=progress
             )
         yield _Found(cfg, contents, findings, (*unpacked.left_out, *not_taken))
@@ -318,4 +308,114 @@ def archive_path(library: Library, token: str) -> Path:
     Args:
         token: Hexadecimal digits.
     """
-    return staging.parent(library) / f"{int(token, 16):032x}.zip"
+    return adopt_map.staging_parent(library) / f"{int(token, 16):032x}.zip"
+
+
+@dataclass(frozen=True, slots=True)
+class Tray:
+    """Unplaced photos that are set aside during an import."""
+
+    folder: Path  # Temporary folder outside the map, whose linter would report them as orphans
+    names: tuple[str, ...]  # Their paths in that folder, which are also those to use in the map's folder
+
+
+def set_tray_aside(cfg: Path, folder: Path) -> Tray:
+    """Move the photos in `unplaced/` that no `.cfg` of the map names. Raises StorageError.
+
+    Args:
+        folder: A new folder on the same disk, not below the map's.
+    """
+    orphans = orphan_photos(cfg, scan(read_bytes(cfg)), present=list_photos(cfg.parent))
+    names = tuple(name.removeprefix(f"{UNPLACED}/") for name in orphans if name.startswith(f"{UNPLACED}/"))
+    there = cfg.parent / UNPLACED
+    beside = sidecars_in(there) if there.is_dir() else None
+    for name in names:
+        for file in (name, *(() if beside is None else beside.of(name))):
+            if not (folder / file).exists():  # two photos may share one
+                _move(there / file, folder / file, name=file)
+    _drop_empty(cfg.parent / UNPLACED)
+    return Tray(folder, names)
+
+
+def take_tray_back(
+    contents: FolderContents, tray: Tray, *, cfg: Path, limits: PhotoLimits, progress: Progress
+) -> tuple[FolderContents, tuple[str, ...]]:
+    """Move photos into the folder of their map and add their records to its contents.
+
+    Photos that the map has already are left out. Those listed in `map.json` keep their ids, and with them the
+    order of the map's photos. Raises StorageError, Cancelled.
+
+    Returns:
+        left_out: Files by their names in the zip, each with the reason.
+    """
+    rows: list[Photo] = []
+    left_out: list[str] = []
+    known = {row.sha256 for row in contents.photos}
+    names = _Names(cfg.parent)
+    listed = {photo.photo: photo for photo in contents.map.unplaced}
+    free = contents.map.next_id
+    beside = sidecars_in(tray.folder) if tray.names else None
+    for name in tray.names:
+        progress.check()
+        listing = listed.get(name)
+        try:
+            others = [tray.folder / other for other in (beside.of(name) if beside else ())]
+            row = adopt_map.tray_row(tray.folder / name, known=listing, beside=others, limits=limits)
+        except PhotoError as error:
+            left_out.append(f"{UNPLACED}/{name}: {error.message}")
+            continue
+        if row.sha256 in known:
+            left_out.append(f"{UNPLACED}/{name}: the map has this photo already")
+            continue
+        known.add(row.sha256)
+        row.id, row.path = free if listing is None else listing.id, names.take(name)
+        free += listing is None
+        _move(tray.folder / name, cfg.parent / row.path, name=name)
+        rows.append(row)
+    return replace(contents, tray=tuple(rows)), tuple(left_out)
+
+
+class _Names:
+    """The names of a folder's files, compared as on a case-insensitive file system."""
+
+    def __init__(self, folder: Path) -> None:
+        self._files: set[str] = set()
+        self._folders: set[str] = set()
+        for path in folder.rglob("*"):
+            if path.is_file():
+                self._add(path.relative_to(folder).as_posix())
+
+    def take(self, name: str) -> str:
+        """Reserve the name of a new file, with the prefix `unplaced/` if the name is taken."""
+        while self._is_barred(name):
+            name = f"{UNPLACED}/{name}"
+        self._add(name)
+        return name
+
+    def _add(self, name: str) -> None:
+        self._files.add(folded(name))
+        self._folders.update(_above(name))
+
+    def _is_barred(self, name: str) -> bool:
+        above_or_below = folded(name) in self._folders or not self._files.isdisjoint(_above(name))
+        return above_or_below or folded(name) in self._files
+
+
+def _above(name: str) -> list[str]:
+    return [folded(str(parent)) for parent in PurePosixPath(name).parents]
+
+
+def _drop_empty(folder: Path) -> None:
+    """Delete the empty folders in a folder, then the folder itself if it is empty."""
+    below = [path for path in folder.rglob("*") if path.is_dir()]
+    for path in sorted([folder, *below], reverse=True):
+        if path.is_dir() and not any(path.iterdir()):
+            path.rmdir()
+
+
+def _move(source: Path, target: Path, *, name: str) -> None:
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        source.rename(target)
+    except OSError as error:
+        raise storage_error(error, where=f"{UNPLACED}/{name}") from error

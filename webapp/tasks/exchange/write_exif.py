@@ -16,9 +16,8 @@ from webapp.errors import MapError, PhotoError, UsageError
 from webapp.files.atomic import storage_error, write_bytes
 from webapp.files.exchange.zip_stream import ZipMember, stream_zip
 from webapp.files.maps.folder import photo_path
-from webapp.files.photos.exif_gps import Gps, NoGps
-from webapp.files.photos.exif_write import with_position
-from webapp.files.photos.geotags import Geotag, format_exiftool_csv, format_xmp
+from webapp.files.photos.exif import Gps, NoGps
+from webapp.files.photos.exif_write import Geotag, format_exiftool_csv, format_xmp, with_position
 from webapp.files.photos.photo import read_facts, read_file
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
@@ -34,8 +33,6 @@ _SAME_PX = 1.0
 
 @dataclass(frozen=True, slots=True)
 class PhotoCopy:
-    """The result for a photo."""
-
     id: int
     photo: str  # Path in the map's folder, and in that of the copies
     position: LatLon | None = None  # As written; None if nothing was written
@@ -52,7 +49,6 @@ def write_exif(
         out: Folder of the copies, created if missing; photos have the same paths below it as below the map's
             folder, and no file there is replaced. None: the photos themselves are changed, each with a backup
             `NAME_original` next to it; an existing backup is kept.
-        progress: One step per photo.
 
     Yields:
         For each photo of the map, once it is written.
@@ -60,7 +56,6 @@ def write_exif(
     Raises:
         UsageError: The map has no georeference, `out` is its own folder, or the photos of a library would be
             changed.
-        StorageError: A file cannot be written.
         Cancelled
     """
     georeference = source.georeference()
@@ -83,31 +78,20 @@ def export_geotagged(source: Source, *, limits: PhotoLimits, progress: Progress 
 
     A photo that cannot be written has an XMP sidecar instead, if its position is known; `not-written.txt`
     lists these photos with the reason.
-
-    Raises:
-        UsageError: The map has no georeference.
     """
     members = _members(source, source.georeference(), limits=limits, progress=progress or Progress())
     return Download(f"{source.name}-photos.zip", "application/zip", stream_zip(members))
 
 
 def export_sidecars(source: Source, *, limits: PhotoLimits) -> Download:
-    """Return a zip with an XMP file for each photo, generated while it is streamed.
-
-    Raises:
-        UsageError: The map has no georeference.
-    """
+    """Return a zip with an XMP file for each photo, generated while it is streamed."""
     tags = _tags(source, source.georeference(), limits=limits)
     members = (ZipMember(f"{name}.xmp", format_xmp(tag)) for name, tag in tags)
     return Download(f"{source.name}-xmp.zip", "application/zip", stream_zip(members))
 
 
 def export_exiftool_csv(source: Source, *, limits: PhotoLimits) -> Download:
-    """Return a table from which exiftool can tag the photos.
-
-    Raises:
-        UsageError: The map has no georeference.
-    """
+    """Return a table from which exiftool can tag the photos."""
     tags = _tags(source, source.georeference(), limits=limits)
     return Download(f"{source.name}.csv", "text/csv; charset=utf-8", format_exiftool_csv(tags))
 
@@ -183,11 +167,7 @@ def _geotagged(
 
 
 def _geotag(e: Experience, georeference: Georeference, *, gps: Gps | NoGps | None) -> Geotag:
-    """Return the geotag of a photo, marked as GPS if its place agrees with the position in EXIF.
-
-    Raises:
-        PhotoError: Its place on the map has no position on the Earth.
-    """
+    """Return the geotag of a photo, marked as GPS if its place agrees with the position in EXIF."""
     at = georeference.latlon_of(e.position)
     if not (abs(at.lat) <= 90.0 and abs(at.lon) <= 180.0):  # or NaN: beyond the horizon
         raise PhotoError("its position on the map has no coordinates on the Earth")

@@ -17,9 +17,9 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from webapp.core.features.table import FeatureChoice, choose
-from webapp.core.retrieval import photo_vectors
-from webapp.core.retrieval.engines.segment import Segment
-from webapp.core.retrieval.photo_vectors import Basis
+from webapp.core.retrieval import global_descriptors
+from webapp.core.retrieval.engines.types import Segment
+from webapp.core.retrieval.global_descriptors import Basis
 from webapp.errors import IndexDamaged
 from webapp.files.localize.features import read_segment
 from webapp.files.localize.index_store import IndexFolder
@@ -80,9 +80,6 @@ def renew_basis(library: Library, *, settings: Settings, writes: Writes, progres
     """Train a basis, compute the vectors of the photos of all maps, and then let searches use it.
 
     Vectors that an interrupted run has computed are kept. Raises StorageError, Cancelled.
-
-    Returns:
-        Number of photos that have vectors.
     """
     _refresh_search(library, progress)  # for maps from a move or an older version
     with library.database.read() as session:
@@ -155,7 +152,7 @@ def _describe(
                 known[content] = before[content]
                 continue
             descriptors = np.asarray(segment.entry(number).features.descriptors)
-            known[content] = photo_vectors.vector(basis.basis, descriptors).astype(np.float16)
+            known[content] = global_descriptors.photo_vector(basis.basis, descriptors).astype(np.float16)
             if time.monotonic() > saved + _SAVED_EVERY_S:
                 _keep(writes, record, basis=basis, vectors={**before, **known})
                 saved = time.monotonic()
@@ -193,7 +190,9 @@ def _train(
         for content, segment, number in _photos_of(library, record, settings=settings):
             if content in chosen and content not in sample:
                 sample[content] = np.array(segment.entry(number).features.descriptors)
-    basis = photo_vectors.train([sample[content] for content in sorted(sample)]) if sample else None
+    basis = (
+        global_descriptors.train_basis([sample[content] for content in sorted(sample)]) if sample else None
+    )
     return basis, photos
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from webapp.core.features.extract import extract
 from webapp.core.hypotheses.across_maps import probabilities_over_maps
-from webapp.core.retrieval import photo_vectors
+from webapp.core.retrieval import global_descriptors
 from webapp.errors import (
     BeingOpened,
     Busy,
@@ -74,17 +74,13 @@ class MapRanking:
         self._maps: dict[int, tuple[str, NDArray[np.float16]]] = {}
 
     def rank(self, records: Sequence[MapRecord], photo: Path) -> RankedMaps:
-        """Sort maps by similarity, the most similar first; those that cannot be compared yet are separate.
-
-        Raises:
-            PhotoError: The photo cannot be used.
-        """
+        """Sort maps by similarity, the most similar first; those that cannot be compared yet are separate."""
         with self._lock:
             self._refresh()
             basis, maps = self._basis, {r.id: self._maps[r.id][1] for r in records if r.id in self._maps}
         if basis is None or len(records) < 2:
             return RankedMaps((), tuple(records))
-        query = photo_vectors.vector(basis.basis, self._descriptors(photo))
+        query = global_descriptors.photo_vector(basis.basis, self._descriptors(photo))
         score = self._in_database(query, records, basis_id=basis.id)
         score |= {id: likeness(vectors, query) for id, vectors in maps.items()}
         alike = sorted((r for r in records if r.id in score), key=lambda record: -score[record.id])
@@ -161,8 +157,6 @@ _NO_INDEX = NotReady("it has no index yet", hint="open its Localize page, or run
 
 @dataclass(frozen=True, slots=True)
 class FoundMap:
-    """A map that was searched."""
-
     slug: str
     name: str
     probability: float  # That the photo was taken on this map and not on another one
@@ -180,8 +174,6 @@ class SkippedMap:
 
 @dataclass(frozen=True, slots=True)
 class MapSearch:
-    """The result of a search."""
-
     maps: tuple[FoundMap, ...]  # The most probable first
     # That it was taken on none of them: on one that was not searched, or on no map at all. The probability of
     # a map is against everything else, so that maps that were not searched are included here.
@@ -195,8 +187,6 @@ class MapSearch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LibrarySearch:
-    """What a search needs."""
-
     cache: MapCache  # Localizes the photo
     ranking: MapRanking  # Determines which maps are searched first: there may not be time for all
     settings: Settings
@@ -213,15 +203,12 @@ def find_map(
     """Localize a photo on maps, one after the other.
 
     Args:
-        records: The maps to search.
         top: Maximum number of places on each map.
-        progress: One step per map.
 
     Raises:
         PhotoError: The photo cannot be used.
         Busy, StorageUnavailable: No map could be searched: the process is busy, maps are being opened, or
             their storage is unavailable.
-        Cancelled
     """
     begun = time.perf_counter()
     progress = progress or Progress()
@@ -271,11 +258,7 @@ def find_map(
 
 
 def search_json(search: MapSearch, *, query: str, translate: Callable[[str], str] = str) -> dict[str, Any]:
-    """Convert a search to JSON values, for the API and `expmap find --json`.
-
-    Args:
-        translate: Translates messages and hints.
-    """
+    """Convert a search to JSON values, for the API and `expmap find --json`."""
     return {
         "query": query,
         "maps": [

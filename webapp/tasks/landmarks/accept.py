@@ -38,9 +38,6 @@ def library_of(cfg: Path, *, settings: Settings) -> Iterator[tuple[Library, int]
     """Open the library that a map file belongs to; yield it with the map's id, or None if there is none.
 
     The map file is updated first.
-
-    Raises:
-        StorageError: The records or the object storage cannot be used, or the library has another storage.
     """
     folder = cfg.resolve().parent
     if cfg.name != "map.cfg" or not has_library(folder.parent):
@@ -68,9 +65,6 @@ def accept_in_library(
     library: Library, map_id: int, *, suggested: Iterable[SuggestedPlace], account_id: int
 ) -> PlacingResult:
     """Place photos where suggested, as one edit; photos that were placed meanwhile are skipped.
-
-    Args:
-        account_id: Author of the edit, who can undo it.
 
     Raises:
         UsageError: The map no longer has a satellite image.

@@ -56,8 +56,6 @@ _FORMAT = 5
 
 @dataclass(frozen=True, slots=True)
 class AdjustedSubmodel:
-    """The outcome for a submodel."""
-
     photos: tuple[int, ...]  # Numbers of its photos
     problem: str  # Why it was not adjusted; empty if it was
     # Distances of the adjusted cameras from the known positions, outliers included, by the photos' numbers.
@@ -75,7 +73,6 @@ def adjust_submodels(
 
     Raises:
         IndexDamaged: The reconstruction is gone from the disk.
-        StorageError, ProcessLost, Cancelled
     """
     with writer_lock(found.shared, wait_s=wait_s):
         rigid, now = (read_submodels(found.folder / name) for name in (RIGID_FILE, SUBMODELS_FILE))
@@ -95,7 +92,6 @@ def adjust_submodels(
 
 
 def _key_of(known: KnownPositions, the_map: Map) -> str:
-    """Return a hash of the known positions and their accuracies."""
     rows = np.column_stack([known.at.real, known.at.imag, known.sigma_px]).round(3).tolist()
     points = [asdict(point) for point in the_map.control_points if point.position is not None]
     return hashlib.sha256(json.dumps([_FORMAT, rows, points]).encode()).hexdigest()[:16]

@@ -12,8 +12,7 @@ from webapp.core.boxes import BlurBox
 from webapp.core.landmarks.cloud import LandmarkCloud
 from webapp.core.mapmodel.panorama import LevelView
 from webapp.errors import MapError, PhotoError
-from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
-from webapp.files.landmarks.points import COLOURS_FILE, read_colours, write_colours
+from webapp.files.landmarks.cloud import CLOUD_FILE, COLOURS_FILE, read_cloud, read_colours, write_colours
 from webapp.files.maps.folder import photo_path
 from webapp.files.photos.panorama import cut_level_view
 from webapp.files.photos.photo import read_blurred, read_facts

@@ -69,8 +69,6 @@ class Residual:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotoLenses:
-    """Intrinsics of the photos' cameras."""
-
     folder: Path  # Folder of the photos' features
     cloud: LandmarkCloud
     content_of: Mapping[int, str]  # Content hashes by the photos' numbers in the submodels

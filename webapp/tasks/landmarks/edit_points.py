@@ -1,21 +1,24 @@
-"""Changes the control points of a map: in the library as one edit, in any other folder in its files."""
+"""Changes the control points of a map, in a library or in a folder, also by a table; writes them to one."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
-from webapp.core.geo.types import inside
-from webapp.core.mapmodel.control_points import GroundControlPoint, facts_problem, name_problem
+from webapp.core.geo.types import LatLon, MapPixel, inside
+from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick, facts_problem, name_problem
 from webapp.core.mapmodel.model import Map
 from webapp.core.texts import visible
-from webapp.errors import NotFound, UsageError
-from webapp.files.maps.control_points import point_fields
-from webapp.files.maps.folder import read_map, write_map
+from webapp.errors import NotFound, TableError, UsageError
+from webapp.files.maps.control_point_table import PointRow, format_rows
+from webapp.files.maps.folder import photo_path, read_map, write_map
+from webapp.files.maps.lists import point_fields
+from webapp.files.photos.photo import read_facts
+from webapp.settings import PhotoLimits
 from webapp.store.library import Library
 from webapp.store.maps import edits
-from webapp.tasks.landmarks.known import all_photos
+from webapp.tasks.landmarks.known import AnyPhoto, all_photos
 from webapp.tasks.maps.library_map import as_map
 
 Points = Mapping[str, GroundControlPoint | None]
@@ -23,10 +26,7 @@ Points = Mapping[str, GroundControlPoint | None]
 
 
 def set_in_library(library: Library, map_id: int, *, points: Points, account_id: int) -> int | None:
-    """Change control points as one edit that can be undone.
-
-    Returns:
-        New revision of the map; None if nothing changed.
+    """Change control points as one edit that can be undone; return its revision, None if nothing changed.
 
     Raises:
         UsageError: The map has no image, or a point is not valid.
@@ -90,3 +90,101 @@ def _check(the_map: Map, points: Points) -> None:
         missing = [click.photo for click in point.clicks if click.photo not in photos]
         if missing:
             raise NotFound(f"the map has no photo {missing[0]}", where=name)
+
+
+Size = Callable[[AnyPhoto], tuple[int, int]]
+
+
+def photo_sizes(cfg: Path, limits: PhotoLimits) -> Size:
+    """Return a function that reads the size of an upright photo of a map."""
+
+    def size(photo: AnyPhoto) -> tuple[int, int]:
+        facts = read_facts(photo_path(cfg, photo.photo), limits=limits)
+        return facts.width, facts.height
+
+    return size
+
+
+def points_from(rows: Sequence[PointRow], the_map: Map, *, size: Size) -> dict[str, GroundControlPoint]:
+    """Make control points from the rows of a table; several rows of a point must agree."""
+    everyone = all_photos(the_map)
+    together: dict[str, list[PointRow]] = {}
+    for row in rows:
+        together.setdefault(row.name, []).append(row)
+    found = {}
+    for name, some in together.items():
+        clicks: dict[int, PhotoClick] = {}
+        for row in some:
+            if row.photo is None or row.click_px is None:
+                continue
+            photo = _photo(row, row.photo, everyone)
+            if photo.id in clicks:
+                raise TableError(f"the point {name} is clicked twice in {row.photo}", where=row.where)
+            width, height = size(photo)
+            x, y = row.click_px[0] / width, row.click_px[1] / height
+            if not (0.0 <= x <= 1.0 and 0.0 <= y <= 1.0):
+                raise TableError(
+                    f"the click is outside the photo of {width} x {height} pixels", where=row.where
+                )
+            clicks[photo.id] = PhotoClick(photo.id, x, y)
+        accuracy = _one(some, "accuracy_m")
+        if accuracy is not None and accuracy <= 0.0:
+            raise TableError("accuracy_m is not above 0", where=some[0].where)
+        found[name] = GroundControlPoint(
+            name,
+            _pixel(_one(some, "position"), the_map, where=some[0].where),
+            tuple(clicks[id] for id in sorted(clicks)),
+            accuracy,
+            _one(some, "height_m"),
+        )
+    return found
+
+
+def table_of(the_map: Map, *, size: Size) -> str:
+    georeference = the_map.georeference
+    latlon = {
+        point.name: georeference.latlon_of(point.position)
+        for point in the_map.control_points
+        if georeference is not None and point.position is not None
+    }
+    return format_rows(_rows(the_map, size), latlon)
+
+
+def _rows(the_map: Map, size: Size) -> Iterator[PointRow]:
+    photos = {photo.id: photo for photo in all_photos(the_map)}
+    for point in the_map.control_points:
+        facts = ("", point.position, point.height_m, point.accuracy_m)
+        clicks = [click for click in point.clicks if click.photo in photos]
+        if not clicks:
+            yield PointRow(point.name, *facts)
+        for click in clicks:
+            photo = photos[click.photo]
+            width, height = size(photo)
+            yield PointRow(point.name, *facts, photo.photo, (click.x * width, click.y * height))
+
+
+def _photo(row: PointRow, name: str, photos: Sequence[AnyPhoto]) -> AnyPhoto:
+    same = [photo for photo in photos if photo.photo == name]
+    last = PurePosixPath(name.replace("\\", "/")).name
+    same = same or [photo for photo in photos if last in (photo.name, PurePosixPath(photo.photo).name)]
+    if len(same) != 1:
+        problem = f"{len(same)} photos of the map are called" if same else "no photo of the map is called"
+        raise TableError(f"{problem} {name!r}", where=row.where)
+    return same[0]
+
+
+def _one(rows: Sequence[PointRow], field: str):  # type: ignore[no-untyped-def]
+    """Return a field of a point, on which all its rows must agree."""
+    said = {value: row for row in rows if (value := getattr(row, field)) is not None}
+    if len(said) > 1:
+        where = [*said.values()][1].where
+        raise TableError(f"{field} of the point {rows[0].name} differs from an earlier row", where=where)
+    return next(iter(said), None)
+
+
+def _pixel(position: MapPixel | LatLon | None, the_map: Map, *, where: str) -> MapPixel | None:
+    if not isinstance(position, LatLon):
+        return position
+    if the_map.georeference is None:
+        raise TableError("latitude and longitude need a map with a georeference", where=where)
+    return the_map.georeference.pixel_of(position)

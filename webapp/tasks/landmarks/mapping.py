@@ -31,8 +31,6 @@ _OUT = {False: "models", True: "models-incremental"}
 
 @dataclass(frozen=True, slots=True)
 class MappingJob:
-    """Input of the process."""
-
     database: Path
     # Has a subfolder per mapper for its models, in COLMAP's format; earlier models there are deleted.
     folder: Path
@@ -50,7 +48,6 @@ def run_mapper(job: MappingJob, *, progress: Progress) -> list[Model]:
 
     Raises:
         ProcessLost: The process was killed.
-        Cancelled
     """
     return _run_apart(map_photos, job, progress=progress)
 
@@ -84,7 +81,6 @@ def _run_apart(run: Callable[[Job], Found], job: Job, *, progress: Progress) -> 
 
 
 def model_folders(folder: Path) -> list[Path]:
-    """List the folders of the latest models of the mappers."""
     return [path.parent for name in _OUT.values() for path in sorted((folder / name).glob("*/images.bin"))]
 
 

@@ -11,8 +11,7 @@ import numpy as np
 
 from webapp.core.geo.types import MapPixel, inside
 from webapp.core.landmarks.georegister import Georegistration, georegister
-from webapp.core.landmarks.placing import AlignedSubmodel, KnownPositions, NotAligned
-from webapp.core.landmarks.proposals import propose_next
+from webapp.core.landmarks.placing import AlignedSubmodel, KnownPositions, NotAligned, propose_next
 from webapp.core.landmarks.radii import RADIUS_OVER_SIGMA
 from webapp.core.landmarks.submodels import Submodel
 from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
@@ -62,8 +61,6 @@ class LeftPhoto:
 
 @dataclass(frozen=True, slots=True)
 class CheckedPhoto:
-    """A placed photo that is joined with others."""
-
     id: int
     photo: str
     # Distance from its position by the other placed photos; None if they are too few.
@@ -113,7 +110,6 @@ def suggest_rest(cfg: Path, *, settings: Settings, progress: Progress, check: bo
         MapError: The map cannot be read.
         UsageError: No photo is left to be placed or corrected.
         MissingPart: The extra `sfm` is not installed.
-        StorageError, ProcessLost, Cancelled
     """
     pycolmap()  # fail early if the extra is missing
     the_map = read_map(cfg)
@@ -126,7 +122,6 @@ def suggest_rest(cfg: Path, *, settings: Settings, progress: Progress, check: bo
 
 
 def suggest_from(found: Reconstruction, the_map: Map) -> RestReport:
-    """Suggest places from a reconstruction of the map's photos."""
     known = known_positions(found.photos, the_map)
     aligned = [result.aligned for result in georegister_found(found, the_map)]
     proposed = propose_next(found.submodels, aligned, known=known, most=_PROPOSED)

@@ -6,20 +6,21 @@ import math
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.table import FeatureChoice
 from webapp.core.geo.types import MapPixel
-from webapp.core.landmarks.matching import Views
-from webapp.core.landmarks.rigid_parts import LEAST_PHOTOS
-from webapp.core.landmarks.submodels import Submodel, of_photos
+from webapp.core.landmarks.matching import Views, choose_pairs, match_mutually
+from webapp.core.landmarks.submodels import LEAST_PHOTOS, Submodel, of_photos
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.views import content_of, level_views
-from webapp.core.retrieval.engines.segment import PhotoEntry
+from webapp.core.retrieval.engines.types import PhotoEntry
 from webapp.core.retrieval.fields_of_view import guessed_fov_deg
 from webapp.errors import IndexDamaged, MapError
 from webapp.files.atomic import remove_unfinished
@@ -31,7 +32,13 @@ from webapp.files.landmarks.colmap import (
     read_submodels,
     write_submodels,
 )
-from webapp.files.landmarks.match_database import MatchDatabase, StoredPhoto, ViewFeatures
+from webapp.files.landmarks.match_database import (
+    MatchDatabase,
+    StoredPhoto,
+    ViewFeatures,
+    stored_photo,
+    two_view_geometry,
+)
 from webapp.files.listing import natural_key
 from webapp.files.localize.features import read_segment
 from webapp.files.localize.index_store import IndexFolder, Manifest
@@ -39,8 +46,7 @@ from webapp.files.lock import writer_lock
 from webapp.files.maps.folder import photo_hash
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings
-from webapp.tasks.computing.in_order import ExecutionTarget
-from webapp.tasks.landmarks.compare import compare_photos
+from webapp.tasks.computing.in_order import ExecutionTarget, in_order
 from webapp.tasks.landmarks.known import AnyPhoto
 from webapp.tasks.landmarks.mapping import (
     MATCHES_FILE,
@@ -62,8 +68,6 @@ _EXTRACT = ExtractSettings(max_side_px=1000, keypoints=4000)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reconstruction:
-    """A reconstruction of the photos of a map."""
-
     photos: tuple[AnyPhoto, ...]  # All photos; submodels refer to them by their number in this tuple
     submodels: tuple[Submodel, ...]  # The largest first; after `adjust_submodels`, the joined one first
     problems: Mapping[int, str]  # Why photos take no part, by their number
@@ -91,13 +95,11 @@ def reconstruct(
     new photos.
 
     Args:
-        the_map: Has the photos to reconstruct.
         part: Folder for the result, if these are not all photos of the map.
         wait_s: Seconds to wait for another process that reconstructs photos of this map.
 
     Raises:
         MissingPart: The extra `sfm` is not installed.
-        StorageError, ProcessLost, Cancelled
     """
     photos = _in_order(the_map)
     pictures: list[AnyPhoto] = []
@@ -251,11 +253,7 @@ def _submodels(
 
 
 def keep_cloud(folder: Path, submodels: StoredSubmodels, *, features: Path) -> None:
-    """Write the landmarks of the submodels, unless the stored ones are up to date.
-
-    Args:
-        features: Folder of the photos' features.
-    """
+    """Write the landmarks of the submodels, unless the stored ones are up to date."""
     file = folder / CLOUD_FILE
     there = read_cloud(file)
     if there is not None and there.key == submodels.cloud_key:
@@ -296,3 +294,82 @@ def renumbered(
     turns = np.array([turn_of.get(content, 0) for content in stored.contents], np.int64)
     for submodel in stored.submodels:
         yield of_photos(submodel, photo=numbers[submodel.photo], turn_deg=turns[submodel.photo])
+
+
+_HELD = 64
+"""Photos that a worker keeps in memory: those of neighbouring pairs."""
+
+
+class ComparedPhotos:
+    """The photos to compare; a Dask worker reads their features from files.
+
+    Args:
+        contents: SHA-256 of the photos.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        contents: Sequence[str],
+        *,
+        cameras: Sequence[tuple[int, Any]],
+        photos: Sequence[StoredPhoto] | None = None,
+    ) -> None:
+        self._state = (folder, tuple(contents), tuple(cameras))
+        self.photo = lru_cache(_HELD)(self._read) if photos is None else photos.__getitem__
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Pickle without the photos in memory."""
+        return _on_worker, self._state
+
+    def _read(self, number: int) -> StoredPhoto:
+        folder, contents, cameras = self._state
+        features = read_segment(IndexFolder(folder).spool_path(contents[number]), mapped=False)
+        return stored_photo(*cameras[number], features=features.entry(0).features)
+
+
+def _on_worker(folder: Path, contents: Sequence[str], cameras: Sequence[tuple[int, Any]]) -> ComparedPhotos:
+    return ComparedPhotos(folder, contents, cameras=cameras)
+
+
+def compare_photos(
+    database: MatchDatabase,
+    photos: Sequence[tuple[str, StoredPhoto]],
+    *,
+    at: NDArray[np.complex128],
+    views: Views,
+    place: ExecutionTarget,
+    progress: Progress,
+) -> None:
+    """Match the pairs that have not been matched yet.
+
+    Raises Cancelled, ProcessLost, ClusterUnavailable, UsageError, MissingPart.
+
+    Args:
+        at: (p,) complex128. Positions on the map; NaN where there is none.
+        place: Its folder is that of the features.
+    """
+    progress.note("finding overlapping photos")
+    stored = [photo for _, photo in photos]
+    pairs = [
+        (one, other)
+        for one, other in choose_pairs([p.descriptors for p in stored], at=at, views=views).tolist()
+        if not database.is_compared(stored[one], stored[other])
+    ]
+    progress.note("matching the photos")
+    progress.size(len(pairs))
+    shared = ComparedPhotos(
+        place.folder.absolute(),
+        [content for content, _ in photos],
+        cameras=[(photo.id, photo.camera) for photo in stored],
+        photos=stored,
+    )
+    found = in_order(_compare, pairs, shared=shared, at=place, progress=progress)
+    for (one, other), geometry in zip(pairs, found, strict=True):
+        database.keep(stored[one], stored[other], geometry=geometry)
+        progress.advance()
+
+
+def _compare(photos: ComparedPhotos, pair: tuple[int, int]) -> Any:
+    one, other = map(photos.photo, pair)
+    return two_view_geometry(one, other, matches=match_mutually(one.descriptors, other.descriptors))

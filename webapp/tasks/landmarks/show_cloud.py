@@ -12,26 +12,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.landmarks.map_cloud import CloudFrame, MapCloud, align_cloud
+from webapp.core.landmarks.cloud import CloudFrame, MapCloud, align_cloud
 from webapp.core.landmarks.placing import AlignedSubmodel, NotAligned
 from webapp.core.landmarks.submodels import view_rotation
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.panorama import experience_of
 from webapp.core.mapmodel.views import content_of, level_views
 from webapp.errors import NotFound
-from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, read_cloud
-from webapp.files.landmarks.colmap import SUBMODELS_FILE, StoredSubmodels, read_submodels
-from webapp.files.landmarks.points import (
+from webapp.files.landmarks.cloud import (
+    CLOUD_FILE,
     COLOURS_FILE,
     POINTS_FILE,
     Colours,
     MapPoints,
+    StoredCloud,
+    read_cloud,
     read_colours,
     read_points,
     write_points,
 )
+from webapp.files.landmarks.colmap import SUBMODELS_FILE, StoredSubmodels, read_submodels
 from webapp.files.localize.index_store import IndexFolder
-from webapp.files.maps.control_points import control_point_fields
+from webapp.files.maps.lists import control_point_fields
 from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.maps.blurred import blurred_elsewhere
@@ -117,8 +119,6 @@ def align_in_library(library: Library, record: MapRecord) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Task:
-    """A cloud and the current map."""
-
     folder: Path
     stored: StoredCloud
     submodels: StoredSubmodels
@@ -129,7 +129,6 @@ class _Task:
 
     @property
     def key(self) -> str:
-        """Hash of all inputs."""
         placed = sorted(
             (content, one.id, *one.position, one.gps_accuracy_m, one.radius_px)
             if isinstance(one, Experience)

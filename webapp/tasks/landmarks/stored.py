@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,11 @@ from filelock import FileLock, Timeout
 from webapp.core.geo.types import MapPixel
 from webapp.errors import NotFound, StorageError
 from webapp.files.atomic import make_folder, write_text
+from webapp.files.landmarks.colmap import SUBMODELS_FILE, export_model, read_submodels
 from webapp.files.listing import DERIVED
+from webapp.tasks.landmarks.mapping import adjusted_folders, model_folders
 from webapp.tasks.landmarks.place_rest import CorrectedPlace, RestReport, SuggestedPlace
+from webapp.tasks.landmarks.reconstruct import Reconstruction
 
 _FILE = "place-rest.json"
 _VERSION = 2
@@ -80,11 +84,7 @@ def _place_json(one: SuggestedPlace, *, accepted: bool) -> dict[str, Any]:
 
 
 def keep(cfg: Path, report: RestReport, *, revision: int) -> None:
-    """Store suggestions for the page of the map. Raises StorageError.
-
-    Args:
-        revision: Revision of the map that they are for.
-    """
+    """Store suggestions for the page of the map. Raises StorageError."""
     content = {"version": _VERSION, "revision": revision, **as_json(report)}
     with _one_writer(cfg):
         found = {photo["id"] for photo in content["photos"] if "error" not in photo}
@@ -128,11 +128,7 @@ def _one_writer(cfg: Path) -> Iterator[None]:
 
 
 def read(cfg: Path) -> dict[str, Any] | None:
-    """Read the stored suggestions: `revision` and the fields of `as_json`; None if there are none.
-
-    Raises:
-        StorageError: The file is damaged.
-    """
+    """Read the stored suggestions: `revision` and the fields of `as_json`; None if there are none."""
     try:
         content: dict[str, Any] = json.loads(_path(cfg).read_bytes())
     except FileNotFoundError:
@@ -150,12 +146,7 @@ def is_of_image(photo: Mapping[str, Any], satellite_revision: int) -> bool:
 
 
 def suggested_of(cfg: Path, ids: Iterable[int], *, satellite_revision: int = 0) -> list[SuggestedPlace]:
-    """Return the suggestions for some photos, except those for a replaced image.
-
-    Raises:
-        NotFound: There is none for one of them.
-        StorageError
-    """
+    """Return the suggestions for some photos, except those for a replaced image."""
     records = [
         photo
         for photo in (read(cfg) or _NOTHING)["photos"]
@@ -176,12 +167,6 @@ def suggested_of(cfg: Path, ids: Iterable[int], *, satellite_revision: int = 0) 
 
 
 def corrected_of(cfg: Path, ids: Iterable[int]) -> list[CorrectedPlace]:
-    """Return the corrections of some photos.
-
-    Raises:
-        NotFound: There is none for one of them.
-        StorageError
-    """
     records = (read(cfg) or {"corrected": []})["corrected"]
     return [
         CorrectedPlace(
@@ -209,3 +194,39 @@ def _chosen(records: Iterable[dict[str, Any]], ids: Iterable[int], *, missing: s
 
 def _path(cfg: Path) -> Path:
     return cfg.parent / DERIVED / _FILE
+
+
+@dataclass(frozen=True, slots=True)
+class ExportedModel:
+    folder: Path
+    photos: int
+    points: int
+
+
+def names_of_photos(found: Reconstruction) -> dict[str, str]:
+    """Return the paths of the photos by the SHA-256 of their files; a view has its turn as suffix."""
+    names = {content: found.photos[number].photo for content, number in found.number_of.items()}
+    return names | {content: f"{names[content]}#{turn:03}" for content, turn in found.turn_of.items()}
+
+
+def export_models(
+    folder: Path, out: Path, *, names: Mapping[str, str], binary: bool = False, only_named: bool = False
+) -> list[ExportedModel]:
+    """Write each model of a reconstruction into its own folder, first the one that is joined on the map.
+
+    Args:
+        names: Names of the photos, by the SHA-256 of their files.
+        binary: Whether to write COLMAP's binary format, else text.
+        only_named: Whether to leave out photos without a name, with the points that only they see.
+
+    Raises:
+        IndexDamaged: A model cannot be read, or was replaced meanwhile.
+    """
+    submodels = read_submodels(folder / SUBMODELS_FILE)
+    sources = [*(adjusted_folders(folder, submodels) if submodels else []), *model_folders(folder)]
+    exported = []
+    for number, source in enumerate(sources):
+        target = out / str(number)
+        counts = export_model(source, target, names=names, binary=binary, only_named=only_named)
+        exported.append(ExportedModel(target, *counts))
+    return exported

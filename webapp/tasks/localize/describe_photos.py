@@ -21,8 +21,8 @@ from webapp.core.retrieval.global_descriptors import GlobalDescriptors
 from webapp.errors import InputError, MissingPart, PhotoError
 from webapp.files.contents import settle
 from webapp.files.localize import global_vectors
-from webapp.files.localize.global_model import global_descriptor
 from webapp.files.localize.global_vectors import StoredVectors
+from webapp.files.localize.models import global_descriptor
 from webapp.files.maps.folder import photo_path
 from webapp.files.photos.panorama import cut_level_view
 from webapp.files.photos.photo import read_blurred, read_file

@@ -18,7 +18,7 @@ from webapp.core.features.table import FeatureChoice
 from webapp.core.features.types import Features
 from webapp.core.mapmodel.panorama import LevelView
 from webapp.core.mapmodel.views import content_of_part
-from webapp.core.retrieval.engines.segment import PhotoEntry
+from webapp.core.retrieval.engines.types import PhotoEntry
 from webapp.errors import IndexDamaged, MapError, PhotoError
 from webapp.files.contents import connect, pointer_of
 from webapp.files.localize.features import read_segment, write_segment

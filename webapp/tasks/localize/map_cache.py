@@ -18,7 +18,7 @@ from typing import NamedTuple
 from webapp.errors import BeingOpened, IndexDamaged, InputError, MapError, MissingPart, NotFound, NotReady
 from webapp.files.contents import facts_of
 from webapp.files.localize.calibration import StoredCalibration
-from webapp.files.localize.global_model import model_paths, usable_global_descriptor
+from webapp.files.localize.models import global_model_paths, usable_global_descriptor
 from webapp.files.part_file import show_file_as
 from webapp.progress import Progress
 from webapp.settings import Settings
@@ -186,7 +186,7 @@ class MapCache:
     def _files(self, opened: OpenMap) -> _Files:
         """Return size and time of the files that an open map depends on."""
         files = [opened.folder.manifest_path, *calibrate.paths_with(opened, None), *orient_map.paths(opened)]
-        files += [*geometry.paths(opened), *model_paths(self.settings.models)]
+        files += [*geometry.paths(opened), *global_model_paths(self.settings.models)]
         network = usable_global_descriptor(self.settings.models)
         if network is not None:
             files += (*calibrate.paths_with(opened, network), *describe_photos.paths(opened, network))

@@ -19,17 +19,20 @@ from webapp.core.mapmodel.views import level_views, picture_name
 from webapp.core.retrieval.engines.bruteforce import BruteForce
 from webapp.core.retrieval.engines.flann import Flann
 from webapp.core.retrieval.engines.ivf import InvertedFile
-from webapp.core.retrieval.engines.segment import Segment
 from webapp.core.retrieval.engines.twostage import TwoStage
-from webapp.core.retrieval.engines.types import DescriptorSearch, tier_for
+from webapp.core.retrieval.engines.types import DescriptorSearch, Segment, tier_for
 from webapp.core.retrieval.fields_of_view import fields_of_view
 from webapp.core.retrieval.indexed import IndexedMap
 from webapp.core.tuning import DEFAULT, RetrievalTuning
 from webapp.errors import Conflict, IndexDamaged, MapError, NotReady
 from webapp.files.localize.features import read_codebook, read_segment, read_signatures
-from webapp.files.localize.global_model import global_descriptor
 from webapp.files.localize.index_store import IndexFolder, Manifest, read_search_index
-from webapp.files.localize.models import pair_matcher, pair_matcher_if_installed, with_weights
+from webapp.files.localize.models import (
+    global_descriptor,
+    pair_matcher,
+    pair_matcher_if_installed,
+    with_weights,
+)
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.localize import build_index, describe_photos

@@ -12,8 +12,7 @@ from webapp.core.features.table import Method, choose
 from webapp.core.mapmodel.model import Map
 from webapp.errors import InputError, MapError, MissingPart
 from webapp.extras import is_installed
-from webapp.files.localize.global_model import usable_global_descriptor
-from webapp.files.localize.models import second_look_features
+from webapp.files.localize.models import second_look_features, usable_global_descriptor
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings

@@ -27,8 +27,7 @@ from typing import Protocol
 
 import numpy as np
 
-from webapp.core.features.blank import FEW_KEYPOINTS, why_blank, why_too_few
-from webapp.core.features.detail import lacks_fine_detail
+from webapp.core.features.blank import FEW_KEYPOINTS, lacks_fine_detail, why_blank, why_too_few
 from webapp.core.features.extract import extract
 from webapp.core.features.table import Method
 from webapp.core.features.types import Features

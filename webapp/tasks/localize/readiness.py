@@ -14,8 +14,7 @@ from sqlalchemy.orm import Session
 from webapp.core.features.table import Method, choose
 from webapp.errors import IndexDamaged, NotReady, StorageError
 from webapp.files.localize.calibration import FORMAT
-from webapp.files.localize.global_model import usable_global_descriptor
-from webapp.files.localize.models import second_look_features
+from webapp.files.localize.models import second_look_features, usable_global_descriptor
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.maps import maps

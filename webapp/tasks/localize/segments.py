@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from webapp.core.features.types import Engine, Kind
 from webapp.core.retrieval.engines import ivf, vlad
-from webapp.core.retrieval.engines.segment import PhotoEntry, Segment
+from webapp.core.retrieval.engines.types import PhotoEntry, Segment
 from webapp.errors import IndexDamaged
 from webapp.files.localize.features import (
     read_codebook,

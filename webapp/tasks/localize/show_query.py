@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound
 from webapp.files.part_file import discard, sha256_of
-from webapp.files.photos.preview import blur_key
+from webapp.files.photos.photo import blur_key
 from webapp.store import queries
 from webapp.store.library import Library
 from webapp.store.schema import QueryRecord

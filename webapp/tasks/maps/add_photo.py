@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from webapp.core.boxes import BlurBox
 from webapp.core.geo.types import LatLon
 from webapp.core.mapmodel.model import PhotoSource
 from webapp.core.mapmodel.panorama import Panorama
@@ -17,10 +16,16 @@ from webapp.files import contents
 from webapp.files.decode import contrast_note, stored_suffix
 from webapp.files.maps.facts import panorama_fields, source_fields
 from webapp.files.part_file import sha256_of, show_file_as
-from webapp.files.photos import preview
-from webapp.files.photos.exif_gps import ABSENT, Gps
+from webapp.files.photos.exif import ABSENT, Gps
 from webapp.files.photos.panorama import PanoramaTags, find_panorama
-from webapp.files.photos.photo import PhotoFacts, read_facts, remarks
+from webapp.files.photos.photo import (
+    PhotoFacts,
+    make_previews,
+    previews_folder,
+    read_facts,
+    remarks,
+    write_previews,
+)
 from webapp.files.photos.sidecars import Sidecar, beside_photo, with_sidecars
 from webapp.files.satellite.raster import is_georeferenced_tiff
 from webapp.settings import Settings
@@ -67,8 +72,6 @@ Changing = Callable[[int], AbstractContextManager[MapChange]]
 
 @dataclass(frozen=True, slots=True)
 class AddedPhoto:
-    """The result for a file."""
-
     id: int  # Id of the photo in the map
     name: str  # Name under which it is stored
     duplicate: bool  # The map already had a photo with the same content: nothing was changed
@@ -107,7 +110,7 @@ def add_photo(
     with show_file_as(name, source):
         facts = _read(photo, name=name, settings=settings)
         around = find_panorama(source, facts, limits=settings.photo)
-        previews = preview.make_previews(source, limits=settings.photo)
+        previews = make_previews(source, limits=settings.photo)
         is_map = _is_of_no_camera(facts) and is_georeferenced_tiff(source, limits=settings.satellite)
     sha256 = sha256_of(source)
     stored = contents.store(source)  # before the transaction, which blocks other writers
@@ -134,7 +137,7 @@ def add_photo(
         duplicate, placed = record.revision == before, kept.x_px is not None
         if kept is row:
             # before the commit: if the previews cannot be written, the whole photo is rejected
-            preview.write_previews(preview.previews_folder(folder), str(kept.id), previews=previews)
+            write_previews(previews_folder(folder), str(kept.id), previews=previews)
     forget_intake(folder, kept)
     return AddedPhoto(
         kept.id,
@@ -226,14 +229,12 @@ def _row(facts: PhotoFacts, *, name: str, sha256: str, size_bytes: int) -> Photo
     )
 
 
-def mark_panorama(row: Photo, tags: PanoramaTags, *, masked: Sequence[BlurBox] = ()) -> None:
-    """Mark a record as a panorama."""
-    row.panorama, row.fov_deg = panorama_fields(Panorama(tuple(masked))), 360.0
+def mark_panorama(row: Photo, tags: PanoramaTags) -> None:
+    row.panorama, row.fov_deg = panorama_fields(Panorama()), 360.0
     row.heading_deg = row.heading_deg if tags.heading_deg is None else tags.heading_deg
 
 
 def _say(row: Photo, known: ServiceMetadata) -> None:
-    """Complete a record from the metadata of a service."""
     row.source = source_fields(known.source)
     row.gps_lat, row.gps_lon = known.position
     row.gps_accuracy_m, row.gps_problem = known.accuracy_m, None

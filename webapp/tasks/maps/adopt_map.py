@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import re
+import secrets
+import shutil
+import time
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,7 +24,7 @@ from webapp.files.listing import normal_name
 from webapp.files.maps.folder import MapFolder, json_path, read_map
 from webapp.files.maps.lists import LISTS
 from webapp.files.maps.map_json import georeference_fields
-from webapp.files.photos.exif_gps import Gps
+from webapp.files.photos.exif import Gps
 from webapp.files.photos.photo import POSITION_FROM, PhotoFacts, read_facts, read_file, remarks
 from webapp.files.photos.sidecars import Sidecars, read_sidecars, sidecars_in, with_sidecars
 from webapp.progress import Progress
@@ -59,7 +62,6 @@ def adopt_map(
     slug: str,
     *,
     account_id: int,
-    name: str | None = None,
     settings: Settings | None = None,
     progress: Progress | None = None,
 ) -> int:
@@ -70,17 +72,11 @@ def adopt_map(
 
     Args:
         slug: Name of the folder, which has a `map.cfg`.
-        account_id: Owner of the map.
-        name: Display name; by default the title in its `map.json`, or derived from the slug.
         settings: Only the limits of photos are used.
-        progress: One step per photo.
-
-    Returns:
-        Id of the map.
 
     Raises:
         MapError: The folder cannot be read as a map.
-        UsageError: The folder's name cannot be used in a URL, or the map's name is not valid.
+        UsageError: The folder's name cannot be used in a URL, or the title in `map.json` is not valid.
         Conflict: The database has such a map already.
     """
     if not _SLUG.fullmatch(slug) or slug in maps.RESERVED:
@@ -93,7 +89,7 @@ def adopt_map(
     _check_upright(library.cfg(slug), contents.map, settings)
     for problem in contents.problems:
         (progress or Progress()).note(problem)
-    title = name or contents.map.title or slug.replace("-", " ").capitalize()
+    title = contents.map.title or slug.replace("-", " ").capitalize()
     with library.database.write() as session:
         if session.scalars(select(MapRecord.id).where(MapRecord.slug == slug)).first() is not None:
             raise Conflict(f"the library already has a map {slug}", where=slug)
@@ -127,10 +123,6 @@ def read(
 
     Args:
         decoded: Normalised names of photos that are known to be complete.
-
-    Raises:
-        MapError: The folder cannot be read as a map.
-        Cancelled: The user stopped it.
     """
     sha256 = file_sha256(cfg)  # before reading: a change in between is detected as an outside edit
     map_ = read_map(cfg)
@@ -157,7 +149,6 @@ def fill(session: Session, record: MapRecord, contents: FolderContents) -> None:
     """Fill a record with the contents of its folder; the files count as exported by the library.
 
     Args:
-        session: Session with write access.
         record: In the database, without photos.
     """
     map_ = contents.map
@@ -223,8 +214,6 @@ def tray_row(
 
 @dataclass(frozen=True, slots=True)
 class _PhotoFile:
-    """What the file of a photo contributes to its record."""
-
     sha256: str
     size_bytes: int
     facts: PhotoFacts
@@ -353,7 +342,6 @@ def add_removed(session: Session, record: MapRecord, rows: Iterable[Photo]) -> N
     """Add records of photos marked as removed, so that the edit that restores them can be undone.
 
     Args:
-        session: Session with write access.
         rows: Marked as removed, with ids from `next_id` on, not yet assigned to a map.
     """
     for row in rows:
@@ -361,3 +349,26 @@ def add_removed(session: Session, record: MapRecord, rows: Iterable[Photo]) -> N
         record.next_id = max(record.next_id, row.id + 1)
         session.add(row)
     session.flush()
+
+
+_STALE_S = 7 * 86_400
+"""Age from which on staging folders are deleted as abandoned."""
+
+
+def make_staging(library: Library) -> Path:
+    """Make an empty staging folder; old ones left by killed processes are deleted."""
+    there = staging_parent(library)
+    for old in there.iterdir():
+        with suppress(FileNotFoundError):  # another import has just finished
+            if time.time() - old.stat().st_mtime > _STALE_S:
+                shutil.rmtree(old, ignore_errors=True) if old.is_dir() else old.unlink(missing_ok=True)
+    folder = there / secrets.token_hex(8)
+    folder.mkdir()
+    return folder
+
+
+def staging_parent(library: Library) -> Path:
+    """Return the parent of the staging folders, on the file system of the maps; created if missing."""
+    folder = library.inner / "imports"
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder

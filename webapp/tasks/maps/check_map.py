@@ -23,7 +23,7 @@ from webapp.files.maps.cfg import read_bytes
 from webapp.files.maps.cfg_scan import Scan, scan
 from webapp.files.maps.folder import MapFolder, json_path, photo_path, placement_path, read_map_json
 from webapp.files.maps.map_json import MapJson
-from webapp.files.photos.exif_gps import Gps
+from webapp.files.photos.exif import Gps
 from webapp.files.photos.photo import read_facts
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
@@ -155,8 +155,6 @@ def _image(pieces: Scan) -> tuple[object, ...]:
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """Result of checking a map."""
-
     cfg_path: Path
     photos: int  # Number of readable photo lines
     # Those of the `.cfg` first, in the order of the lines, then those of the files next to it.
@@ -184,7 +182,6 @@ def check_map(
 
     Args:
         settings: Only the limits of photos are used.
-        progress: One step per photo.
         content: Used instead of the content of the map file.
 
     Raises:
@@ -212,14 +209,11 @@ def _places(pieces: Scan) -> MapPlaces | None:
 
 @dataclass(frozen=True, slots=True)
 class _FileChecker:
-    """Checks the files that a map names."""
-
     files: MapFolder
     limits: PhotoLimits
     georeference: Georeference | None
 
     def find(self, name: str) -> FileFacts:
-        """Return whether the file exists."""
         try:
             path = self.files.place(name)
         except MapError as error:

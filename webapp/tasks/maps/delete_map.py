@@ -50,9 +50,6 @@ def delete_orphans(library: Library) -> None:
     """Delete folders to which a running job has written after their map was deleted.
 
     These contain derived files only; a folder with any other file is kept, as it may be a user's.
-
-    Raises:
-        StorageError: A folder cannot be moved.
     """
     computed = [folder for folder in library.folder.glob(f"*/{DERIVED}") if _is_alone(folder)]
     if not computed:

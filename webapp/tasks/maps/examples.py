@@ -11,7 +11,7 @@ from pathlib import Path
 from webapp.errors import NotFound, TableError
 from webapp.files.localize import queries_csv
 from webapp.files.part_file import sha256_of
-from webapp.files.photos.preview import previews_folder
+from webapp.files.photos.photo import previews_folder
 from webapp.tasks.maps.pictures import PhotoFile
 
 FOLDER = "queries"
@@ -49,22 +49,13 @@ def _listed(path: Path) -> set[str]:
 
 
 def path_of(cfg: Path, name: str) -> Path:
-    """Find an example photo.
-
-    Raises:
-        NotFound: The map has no example with this name.
-    """
     if name not in (example.name for example in examples_of(cfg)):
         raise NotFound("the map has no such example photo", hint="reload the page")
     return cfg.parent / FOLDER / name
 
 
 def file_of(cfg: Path, name: str) -> PhotoFile:
-    """Return an example photo as its pictures are made of it.
-
-    Raises:
-        NotFound: The map has no example with this name.
-    """
+    """Return an example photo as its pictures are made of it."""
     path = path_of(cfg, name)
     sha256 = sha256_of(path)
     return PhotoFile(name, sha256, lambda: path, previews_folder(cfg.parent), f"example-{sha256[:16]}")

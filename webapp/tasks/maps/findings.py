@@ -60,8 +60,6 @@ Changes = dict[str, Mapping[str, Any] | None]
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """A problem of a library map."""
-
     code: str  # Code of the linter; `outside-edit` for a map file that was edited outside the library
     severity: Literal["error", "warning"]  #
     message: str
@@ -74,9 +72,6 @@ def list_findings(
     library: Library, map_id: int, *, settings: Settings, progress: Progress | None = None
 ) -> list[Problem]:
     """Check a map of the library, as stored in its records. Raises StorageError, Cancelled.
-
-    Args:
-        progress: One step per photo.
 
     Returns:
         Errors first.
@@ -208,7 +203,6 @@ def fix_findings(
     Args:
         fix: One of `findings.FIX_NAMES`.
         ids: Photos; ignored by fixes of the map as a whole.
-        account_id: Author of the edit.
 
     Returns:
         Revision of the edit; None if the records did not change.
@@ -217,7 +211,6 @@ def fix_findings(
         UsageError: The fix does not exist or is not applicable.
         NotFound: The map has no such photo.
         Conflict: There is nothing left to fix.
-        MapError, PhotoError, StorageError
     """
     if fix not in FIX_NAMES:
         raise UsageError(f"unknown fix {fix!r}", where="code", hint=f"use one of {', '.join(FIX_NAMES)}")

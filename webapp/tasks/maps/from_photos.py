@@ -59,8 +59,6 @@ class PanoramaOptions:
 
 @dataclass(frozen=True, slots=True)
 class PlaceOptions:
-    """Options of the user."""
-
     cfg: Path  # The map to write
     satellite: Path | None = None  # The image; None makes a blank plan
     source: GeoSource | None = None  # Source of the image's georeference; not needed for positions in pixels
@@ -83,7 +81,6 @@ class PlaceReport:
     warnings: tuple[str, ...] = ()
 
     def count(self, state: FileState) -> int:
-        """Count the files with this state."""
         return sum(file.state is state for file in self.files)
 
 
@@ -94,7 +91,6 @@ def map_from_photos(
 
     Args:
         folder: Searched recursively.
-        progress: One step per file.
 
     Returns:
         Lists every file, placed or not.
@@ -160,7 +156,6 @@ def _make_map(
 
 
 def _masked(file: FileResult, masked: tuple[BlurBox, ...]) -> FileResult:
-    """Mask a panorama."""
     if file.experience is None or file.experience.panorama is None:
         return file
     return replace(file, experience=replace(file.experience, panorama=Panorama(masked)))
@@ -241,8 +236,6 @@ class NewMapFolder:
     """The folder into which a map is written.
 
     Args:
-        cfg: The map to write.
-        photos: Folder of the photos.
         copy: Whether to copy photos and image from outside the map's folder into it.
     """
 
@@ -272,7 +265,6 @@ class NewMapFolder:
         self.image_name(satellite)
 
     def same(self, path: Path, others: Iterable[Path]) -> bool:
-        """Return whether `path` is one of the others."""
         # unlike Path.resolve, os.path.realpath does not fail on circular links
         return any(os.path.realpath(path) == os.path.realpath(other) for other in others)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from webapp.core.hypotheses.model import Answer
-from webapp.core.mapmodel.health import judge
+from webapp.core.mapmodel.checks import judge
 from webapp.errors import StorageError
 from webapp.files.atomic import write_text
 from webapp.files.listing import DERIVED
@@ -17,7 +17,7 @@ from webapp.files.localize import queries_csv
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.evaluation import evaluate
-from webapp.tasks.evaluation.measure import with_hidden_photos
+from webapp.tasks.evaluation.evaluate import with_hidden_photos
 from webapp.tasks.evaluation.types import EvaluateOptions
 from webapp.tasks.localize.open_pipeline import open_pipeline
 from webapp.tasks.localize.plan import OpenOptions
@@ -35,9 +35,6 @@ def find_weak_places(
     """Localize photos of the map, each hidden from it, and store an assessment of each photo.
 
     Raises MapError, UsageError, StorageError, Cancelled.
-
-    Args:
-        progress: Two steps per photo, after those of the index.
 
     Returns:
         As from `read_health`.

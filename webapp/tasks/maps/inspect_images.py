@@ -10,7 +10,7 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.errors import GeoreferenceError, MissingPart, PhotoError
 from webapp.files.decode import check_decodes, contrast_note
-from webapp.files.photos.exif_gps import Gps
+from webapp.files.photos.exif import Gps
 from webapp.files.photos.panorama import find_panorama
 from webapp.files.photos.photo import PhotoFacts, read_facts
 from webapp.files.photos.sidecars import choose, is_sidecar, read_sidecars, with_sidecars
@@ -21,8 +21,6 @@ from webapp.settings import Settings
 
 @dataclass(frozen=True, slots=True)
 class PlanFacts:
-    """An image as a plan or satellite image of a map."""
-
     # `width`, `height`: As it is shown, pixels.
     width: int
     height: int
@@ -113,7 +111,6 @@ def _worldfile(path: Path) -> str | None:
 
 
 def as_json(report: ImageReport) -> dict[str, object]:
-    """Return a report as JSON."""
     facts, plan = report.photo, report.plan
     return {
         "file": report.name,

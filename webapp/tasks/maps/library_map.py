@@ -58,22 +58,18 @@ def as_map(session: Session, record: MapRecord) -> Map | None:
 
 
 def georeference(record: MapRecord) -> Georeference | None:
-    """Read the georeference of a map."""
     return parse_georeference(record.georeference, where=record.slug)
 
 
 def control_points(record: MapRecord) -> tuple[GroundControlPoint, ...]:
-    """Read the control points of a map."""
     return _listed(record, "control_points")
 
 
 def notes(record: MapRecord) -> tuple[MapNote, ...]:
-    """Read the notes of a map."""
     return _listed(record, "notes")
 
 
 def floors(record: MapRecord) -> tuple[Floor, ...]:
-    """Read the floors of a map."""
     return _listed(record, "floors")
 
 

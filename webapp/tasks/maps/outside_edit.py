@@ -14,11 +14,9 @@ from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel, whole_pixel
 from webapp.core.mapmodel.model import WRITTEN, Experience, Map, MapPhoto
 from webapp.errors import Conflict, MapError, NotFound, UsageError
-from webapp.files.maps.control_points import point_fields
-from webapp.files.maps.floors import floor_fields
 from webapp.files.maps.folder import read_map
+from webapp.files.maps.lists import floor_fields, note_fields, point_fields
 from webapp.files.maps.map_json import georeference_fields
-from webapp.files.maps.notes import note_fields
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.maps import edits, maps
@@ -39,8 +37,6 @@ _Fields = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class TakeOverResult:
-    """Result of applying the file."""
-
     revision: int | None  # Revision of the edit; None if the file differs in form only
     left_out: tuple[str, ...]  # Messages about photos that could not be read
 
@@ -80,7 +76,6 @@ def take(
     """Apply the file to the records, as one edit that can be undone.
 
     Args:
-        account_id: Author of the edit.
         sha256: Hash of the file that was shown.
 
     Raises:
@@ -118,7 +113,6 @@ def discard(library: Library, map_id: int, *, sha256: str) -> None:
 
     Raises:
         Conflict: The file has changed since it was shown.
-        StorageError
     """
     with library.database.read() as session:
         cfg = library.cfg(_record(session.get(MapRecord, map_id)).slug)
@@ -169,9 +163,6 @@ class TakeOverPlan:
 
 def plan(session: Session, record: MapRecord, cfg: Path, *, files: PhotoFiles) -> TakeOverPlan:
     """Compare the file with the records.
-
-    Args:
-        files: Reads the photos that have no record.
 
     Raises:
         MapError: The file cannot be read as a map.
@@ -242,7 +233,6 @@ class _Planner:
         self._floors = known if map_.floors else set()
 
     def take_placements(self, session: Session, map_: Map, ids: Mapping[int, int]) -> None:
-        """Plan the further placements."""
         there = session.scalars(select(PlacedElsewhere).where(PlacedElsewhere.map_id == self._record.id))
         before = {(row.placement, row.photo_id): (row.x_px, row.y_px) for row in there}
         after = {

@@ -22,11 +22,17 @@ from webapp.errors import PhotoError, UsageError
 from webapp.files.atomic import write_bytes
 from webapp.files.decode import DAMAGED
 from webapp.files.listing import list_photos
-from webapp.files.photos.exif_gps import Gps
+from webapp.files.photos.exif import Gps
 from webapp.files.photos.exif_write import CameraTags, write_panorama, write_view
-from webapp.files.photos.panorama import GREY, MOST_MASKED, PanoramaTags, read_panorama
+from webapp.files.photos.panorama import (
+    GREY,
+    MOST_MASKED,
+    MountedCamera,
+    PanoramaTags,
+    photos_by_instant,
+    read_panorama,
+)
 from webapp.files.photos.photo import PhotoFacts, read_facts, read_file, read_upright
-from webapp.files.photos.rig import MountedCamera, photos_by_instant
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
 
@@ -42,8 +48,6 @@ _CELLS_DEG = (1, 2, 3, 4, 5, 6, 10, 15)
 
 @dataclass(frozen=True, slots=True)
 class CutOptions:
-    """How panoramas are cut."""
-
     views: int = VIEWS  # Number of views, evenly spaced; the first is at the middle of the panorama
     # 35 mm equivalent focal length of each view, mm; 17 corresponds to 91 degrees.
     focal_35mm: int = FOCAL_35MM
@@ -79,7 +83,6 @@ def cut_panoramas(
 
     Raises:
         UsageError: There is no photo, or the views would be among the panoramas.
-        StorageError, Cancelled
     """
     if out.resolve().is_relative_to(folder.resolve()):
         raise UsageError(
@@ -119,7 +122,6 @@ def cut_panorama(
 
     Raises:
         PhotoError: It is damaged, or not a full panorama.
-        StorageError
     """
     content = read_file(path, limits=limits)
     facts = read_facts(content, limits=limits)
@@ -163,8 +165,6 @@ def _tags(pose: PanoramaPose, view: ViewSize, *, turn_deg: float) -> CameraTags:
 
 @dataclass(frozen=True, slots=True)
 class JoinOptions:
-    """How photos are joined."""
-
     width: int | None = None  # Width of the panoramas, pixels; None for the angular resolution of the photos
     mask: Path | None = None  # Output file for the mask of the parts that no camera of the rig sees
 
@@ -194,7 +194,6 @@ def join_panoramas(
 
     Raises:
         UsageError: No photo belongs to any camera, or the panoramas would be among the photos.
-        StorageError, Cancelled
     """
     if out.resolve().is_relative_to(folder.resolve()):
         raise UsageError(

@@ -8,7 +8,9 @@ an interrupted upload, not put there by a person.
 from __future__ import annotations
 
 import re
+import time
 import unicodedata
+from datetime import timedelta
 from pathlib import Path, PurePosixPath
 
 from sqlalchemy import func, select
@@ -17,9 +19,12 @@ from sqlalchemy.orm import Session
 from webapp.files.atomic import write_bytes
 from webapp.files.contents import hash_of, is_there, put_in_place, remove
 from webapp.files.listing import DERIVED, folded
-from webapp.files.object_storage.pointer import Pointer
+from webapp.files.object_storage.cache import Pointer
 from webapp.files.part_file import discard, move_in
+from webapp.settings import Settings
+from webapp.store.clock import now
 from webapp.store.library import Library
+from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
 
 PHOTOS = "photos"
@@ -45,7 +50,6 @@ def free_path(session: Session, record: MapRecord, *, folder: Path, row: Photo, 
     An existing file with the same content and without a record is reused.
 
     Args:
-        folder: Folder of the map.
         row: Not yet part of the map; with its original name and its hash.
         suffix: Suffix of its format.
 
@@ -144,8 +148,38 @@ def _is_free(file: Path, row: Photo) -> bool:
 
 
 def _is_known(session: Session, record: MapRecord, path: str) -> bool:
-    """Return whether a photo of the map has this path, ignoring case."""
     paths = select(Photo.path).where(Photo.map_id == record.id)
     if path.isascii():
         paths = paths.where(func.lower(Photo.path) == path.lower())
     return any(folded(other) == folded(path) for other in session.scalars(paths))
+
+
+def sweep_uploads(library: Library, *, settings: Settings) -> int:
+    """Delete uploads that have not continued for `upload.keep_hours`; return their number."""
+    keep = timedelta(hours=settings.upload.keep_hours)
+    with library.database.read() as session:
+        begun, known = maps.uploads_begun_before(session, now() - keep), maps.upload_ids(session)
+    if not begun and not _unknown(library, keep, known=known):
+        return 0
+    with library.database.write() as session:
+        for upload in maps.uploads_begun_before(session, now() - keep):
+            if _older(library.uploads / f"{upload.id}.part", keep):
+                maps.finish_upload(session, upload.id)
+        gone = _unknown(library, keep, known=maps.upload_ids(session))
+        for path in gone:
+            discard(path)
+    return len(gone)
+
+
+def _unknown(library: Library, keep: timedelta, *, known: set[str]) -> list[Path]:
+    """List old files that belong to no upload."""
+    old = [p for p in library.uploads.iterdir() if p.suffix != ".lock" and _older(p, keep)]
+    return [path for path in old if path.stem not in known]
+
+
+def _older(path: Path, age: timedelta) -> bool:
+    """Return whether a file is missing, or was last written longer ago than `age`."""
+    try:
+        return time.time() - path.stat().st_mtime > age.total_seconds()
+    except FileNotFoundError:
+        return True

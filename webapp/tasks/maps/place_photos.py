@@ -19,7 +19,7 @@ from webapp.core.texts import significant
 from webapp.errors import PhotoError
 from webapp.files.decode import PHOTO_SUFFIXES, check_decodes, contrast_note
 from webapp.files.maps.positions import Positions
-from webapp.files.photos.exif_gps import Gps, Heading
+from webapp.files.photos.exif import Gps, Heading
 from webapp.files.photos.panorama import find_panorama
 from webapp.files.photos.photo import PhotoFacts, read_facts
 from webapp.files.photos.sidecars import Sidecars, read_sidecars, with_sidecars
@@ -28,8 +28,6 @@ from webapp.settings import PhotoLimits
 
 
 class FileState(StrEnum):
-    """The result for a file."""
-
     PLACED = "placed"
     NO_POSITION = "no position"
     OUTSIDE = "outside the image"
@@ -39,8 +37,6 @@ class FileState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SurveyedFile:
-    """A surveyed file."""
-
     name: str  # Relative to the folder, with forward slashes
     facts: PhotoFacts | None = None  # None if it is not a readable photo
     position: LatLon | MapPixel | None = None
@@ -101,14 +97,11 @@ def _leads_out(path: Path, folder: Path) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Reader:
-    """Reads photos for a map."""
-
     positions: Positions | None
     limits: PhotoLimits
     assume: bool  # Whether all photos twice as wide as high are panoramas
 
     def read(self, path: Path, name: str, *, beside: Sequence[Path]) -> SurveyedFile:
-        """Read a photo and its sidecar files."""
         try:
             facts = read_facts(path, limits=self.limits)
             check_decodes(path, limits=self.limits)
@@ -152,8 +145,6 @@ class _Reader:
 
 @dataclass(frozen=True, slots=True)
 class FileResult:
-    """The result for one file of the folder."""
-
     name: str  # Relative to the folder
     state: FileState
     reason: str | None = None  # Why it was not placed

@@ -87,8 +87,6 @@ def readers(parts: Iterable[LibraryPart]) -> Mapping[str, Reader]:
 
 @dataclass(frozen=True, slots=True)
 class BackupReport:
-    """What is in a backup."""
-
     maps: int
     photos: int
     files: int
@@ -98,8 +96,6 @@ class BackupReport:
 
 @dataclass(frozen=True, slots=True)
 class _Snapshot:
-    """The library at one moment."""
-
     contents: SnapshotContents
     replaced: dict[str, bytes]
     """Contents of the files that are replaced in place, by name in the backup."""
@@ -115,14 +111,12 @@ def back_up(
     Args:
         target: Backup file; an existing one is replaced when the new one is complete.
         parts: Parts of the library with files, apart from maps.
-        progress: One step per file, for copying and then for verification.
 
     Raises:
         UsageError: The file would be in the library itself, or photos of the library are in S3 and this
             process has not opened its storage.
         StorageError, DiskFull: The disk or the object storage failed; an older backup of that name is
             unchanged.
-        Cancelled
     """
     if in_use() is None:
         refuse_objects(library.inner, doing="this backup")
@@ -283,8 +277,6 @@ _BEFORE = ".before-restore-"
 
 @dataclass(frozen=True, slots=True)
 class RestoreReport:
-    """What was restored."""
-
     made_at: str  # When the backup was made, ISO 8601
     maps: int
     photos: int
@@ -310,14 +302,12 @@ def restore(
         parts: Parts of the library with files, apart from maps.
         url: Address of an empty database for the records, instead of a SQLite file in the folder.
         force: Restore even if the folder is not empty; its contents are kept in a folder of their own.
-        progress: One step per file.
 
     Raises:
         UsageError: The folder or the database is not empty.
         Conflict: A server or a worker is running on the library.
         InputError: The file is not a backup, or is damaged; nothing was changed.
         StorageError, DiskFull: The disk failed.
-        Cancelled
     """
     folder = folder.absolute()
     manifest = read_manifest(archive)

@@ -58,8 +58,6 @@ _ANSWER_S = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """The result of one check."""
-
     name: str
     state: State
     message: str

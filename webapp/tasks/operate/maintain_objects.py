@@ -18,15 +18,14 @@ from sqlalchemy import select
 from webapp.errors import DiskFull, StorageError, StorageUnavailable
 from webapp.files.atomic import write_text
 from webapp.files.contents import in_use, is_replaced, is_there
-from webapp.files.object_storage.marker import MARKER
-from webapp.files.object_storage.pointer import (
+from webapp.files.object_storage.cache import (
     SUFFIX,
     pointed_path,
     pointer_path,
     read_pointer,
     write_pointer,
 )
-from webapp.files.object_storage.storage import ObjectStorage
+from webapp.files.object_storage.storage import MARKER, ObjectStorage
 from webapp.files.part_file import discard
 from webapp.settings import Settings
 from webapp.store.clock import now
@@ -52,8 +51,6 @@ _SOME = 500
 
 @dataclass(frozen=True, slots=True)
 class PhotosMoved:
-    """Result of a move to the storage."""
-
     stored: int  # Number of files stored
     left: tuple[Path, ...] = ()  # Files that could not be stored; the reasons are in the log
 
@@ -64,14 +61,7 @@ def objects_lock(library: Library) -> FileLock:
 
 
 def move_photos(library: Library, *, stops: Callable[[], bool] = lambda: False) -> int:
-    """Call `move_locked_photos`, unless another process is moving files.
-
-    Returns:
-        Number of files stored.
-
-    Raises:
-        StorageError: See `move_locked_photos`.
-    """
+    """Call `move_locked_photos`, unless another process is moving files; return how many were stored."""
     if in_use() is None:
         return 0
     try:
@@ -203,11 +193,7 @@ def _unnamed(
 
 
 def pointed_files(folder: Path) -> Iterator[Path]:
-    """Find the paths of all files that have pointers in the folder of a library.
-
-    Raises:
-        StorageError: The folder cannot be read completely.
-    """
+    """Find the paths of all files that have pointers in the folder of a library."""
 
     def fail(error: OSError) -> None:
         raise StorageError(

@@ -28,7 +28,7 @@ from webapp.errors import Busy, Conflict, NotFound, ObjectLost, StorageError, Us
 from webapp.files.atomic import storage_error, sync_folder, write_text
 from webapp.files.contents import bring_back, connect
 from webapp.files.lock import any_alive
-from webapp.files.object_storage.marker import MARKER, check_marker, read_marker
+from webapp.files.object_storage.storage import MARKER, check_marker, read_marker
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.clock import now
@@ -63,8 +63,6 @@ _IN_USE = Conflict(
 
 @dataclass(frozen=True, slots=True)
 class MoveReport:
-    """What was moved."""
-
     tables: tuple[TableCopy, ...]  # The copied tables
     place: str  # The new database
     kept: str  # The old database
@@ -75,7 +73,6 @@ def move_to_server(folder: Path, url: str, *, progress: Progress) -> MoveReport:
 
     Args:
         url: Address of an empty database, or of one that this move has partly filled.
-        progress: One step per row.
 
     Raises:
         NotFound: There is no library in the folder.
@@ -111,15 +108,10 @@ def move_to_server(folder: Path, url: str, *, progress: Progress) -> MoveReport:
 def move_to_file(folder: Path, url: str | None, *, progress: Progress) -> MoveReport:
     """Move the records of a library from a server to SQLite.
 
-    Args:
-        url: Address of the database that holds them.
-        progress: One step per row.
-
     Raises:
         NotFound: There is no library in the folder.
         UsageError: Its records are in SQLite already, there is no address, or photos of the library are in
             S3.
-        Conflict, StorageError, DiskFull, MissingPart, Cancelled: See `move_to_server`.
     """
     inner = folder.resolve() / INNER
     refuse_objects(inner, doing="a library in SQLite")
@@ -307,8 +299,6 @@ _WORKER_WAIT_S, _CANCEL_POLL_S = 600.0, 1.0
 
 @dataclass(frozen=True, slots=True)
 class ObjectsMoved:
-    """What was moved."""
-
     files: int  # Number of files moved
     place: str  # Where they are now
 
@@ -323,7 +313,6 @@ def move_to_storage(library: Library, settings: Settings, *, progress: Progress)
         UsageError: The settings name no storage.
         Busy: The worker has not finished in time.
         StorageError: Some files could not be stored and remain in the folder.
-        Cancelled
     """
     if settings.storage is None:
         raise UsageError(
@@ -378,15 +367,11 @@ def _exclusively(library: Library, *, progress: Progress) -> Iterator[None]:
 def move_to_folder(folder: Path, settings: Settings, *, progress: Progress) -> ObjectsMoved:
     """Fetch all objects of a library as files, verify their hashes, and detach the storage.
 
-    Args:
-        progress: One step per object.
-
     Raises:
         UsageError: The library has no storage.
         Conflict: The library is in use.
         StorageUnavailable, DiskFull, StorageError: The disk or the storage failed, or objects are lost; those
             fetched before remain as files.
-        NotFound, Busy, Cancelled
     """
     inner = folder.resolve() / INNER
     with alone(inner):

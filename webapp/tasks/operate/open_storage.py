@@ -11,8 +11,7 @@ from filelock import FileLock
 from webapp.errors import ObjectLost, StorageError, UsageError
 from webapp.files.atomic import write_text
 from webapp.files.contents import connect
-from webapp.files.object_storage.marker import MARKER, check_marker, read_marker
-from webapp.files.object_storage.storage import ObjectStorage
+from webapp.files.object_storage.storage import MARKER, ObjectStorage, check_marker, read_marker
 from webapp.files.part_file import discard
 from webapp.settings import Settings
 from webapp.store.library import Library
@@ -27,11 +26,7 @@ _WAIT_S = 60.0
 
 
 def refuse_objects(inner: Path, *, doing: str) -> None:
-    """Refuse work that cannot access photos in the object storage, if there are any. Raises UsageError.
-
-    Args:
-        inner: The folder `.library`.
-    """
+    """Refuse work that cannot access photos in the object storage, if there are any. Raises UsageError."""
     address = read_marker(inner)[0]
     if address is not None:
         raise UsageError(

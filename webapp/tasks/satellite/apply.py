@@ -17,10 +17,8 @@ from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel, inside
 from webapp.errors import Conflict, UsageError
-from webapp.files.maps.control_points import point_fields
-from webapp.files.maps.floors import floor_fields
+from webapp.files.maps.lists import floor_fields, note_fields, point_fields
 from webapp.files.maps.map_json import georeference_fields
-from webapp.files.maps.notes import note_fields
 from webapp.store.maps import edits, maps
 from webapp.store.maps.changing import MapChange
 from webapp.store.operate import jobs
@@ -49,8 +47,6 @@ TRAY: dict[str, Any] = {"x_px": None, "y_px": None, "floor": BASE_FLOOR}
 
 @dataclass(frozen=True, slots=True)
 class NewImage:
-    """The new image of a map."""
-
     path: str  # Path of the existing file, relative to the map's folder
     image: MapImage  # Its size and georeference
 
@@ -68,8 +64,6 @@ class ImageChoice:
 
 @dataclass(frozen=True, slots=True)
 class ImageEditResult:
-    """The result of an edit of the image."""
-
     changed: tuple[int, ...]  # Ids of the photos whose position or heading changed
     # Number of positions that were dropped: photos moved to the tray, and photos in further placements.
     to_tray: int
@@ -84,7 +78,6 @@ def set_image(changing: Changing, map_id: int, *, new: NewImage, choice: ImageCh
 
     Raises:
         UsageError: Placed photos would not lie on it; nothing was changed.
-        Conflict
     """
     with changing(map_id) as change:
         session, record = change.session, change.record
@@ -112,7 +105,6 @@ def set_georeference(
 
     Raises:
         UsageError: The map has no image.
-        Conflict
     """
     with changing(map_id) as change:
         session, record = change.session, change.record
@@ -262,7 +254,6 @@ class ImageChange:
         ]
 
     def shows(self, position: MapPixel) -> bool:
-        """Return whether a position is on the new image."""
         return inside(position, width=self.new.width, height=self.new.height)
 
     def placed(self, photo: Photo, at: MapPixel) -> dict[str, Any]:

@@ -23,8 +23,7 @@ from webapp.files.contents import facts_of, remove
 from webapp.files.decode import decode, open_image
 from webapp.files.maps.folder import photo_path
 from webapp.files.satellite.pyramid import write_pyramid
-from webapp.files.satellite.raster import opened_raster, reduced
-from webapp.files.satellite.warp import warp_to_map
+from webapp.files.satellite.raster import opened_raster, reduced, warp_to_map
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
 from webapp.store.library import Library
@@ -52,8 +51,6 @@ _MIME = (
 
 @dataclass(frozen=True, slots=True)
 class DisplayFile:
-    """A file to send."""
-
     path: Path
     mime: str
     key: str  # Changes when the content does
@@ -136,11 +133,6 @@ def _floor_original(library: Library, record: MapRecord, *, floor: Floor) -> Dis
 
 
 def tile(library: Library, record: MapRecord, *, z: int, x: int, y: int) -> DisplayFile:
-    """Return a tile.
-
-    Raises:
-        NotFound: There is none, or not yet.
-    """
     key = key_of(library, record)
     if key is not None:
         folder = _tiles(library.map_folder(record.slug), key) / f"{z}"
@@ -155,14 +147,11 @@ def write_small(folder: Path, name: str, *, small: NDArray[np.uint8], large: boo
     """Write the smaller copies of an image.
 
     Args:
-        folder: Folder of the map.
-        name: File name of the image.
         small: (h, w, 3) uint8. Red, green, blue; at least as large as a preview if the image is.
         large: Whether a preview is needed in addition to the thumbnail.
 
     Raises:
         NotFound: The image has been deleted since.
-        StorageError
     """
     key = _key(folder, name)
     if key is None:
@@ -190,12 +179,7 @@ def make_tiles(library: Library, map_id: int, *, settings: Settings, progress: P
 
 
 def forget(folder: Path, name: str) -> None:
-    """Delete an image, the record of its source, and all files derived from it.
-
-    Args:
-        folder: Folder of the map.
-        name: File name of the image.
-    """
+    """Delete an image, the record of its source, and all files derived from it."""
     path, key = folder / name, _key(folder, name)
     if key is not None:
         shutil.rmtree(_derived(folder, key), ignore_errors=True)  # can be made again
@@ -280,11 +264,7 @@ def _write(path: Path, pixels: NDArray[np.uint8], side: int) -> None:
 
 
 def _encode(path: Path, bgr: MatLike, quality: int) -> None:
-    """Write a BGR or BGRA image in the format of the file's suffix.
-
-    Args:
-        quality: OpenCV's flag for the quality in this format.
-    """
+    """Write a BGR or BGRA image in the format of the file's suffix."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

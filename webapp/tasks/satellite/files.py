@@ -22,7 +22,7 @@ from webapp.store.schema import Edit, MapRecord
 from webapp.tasks.satellite import display
 
 _OURS = re.compile(r"satellite-[0-9a-f]{8}\.(png|jpg)")
-"""Names given by `webapp.files.satellite.keep`."""
+"""Names given by `webapp.files.satellite.raster`."""
 
 
 def keep_source(folder: Path, name: str, *, source: Mapping[str, Any]) -> None:
@@ -45,7 +45,6 @@ def source_of(folder: Path, name: str) -> dict[str, Any]:
 
 
 def images_in_use(record: MapRecord) -> set[str]:
-    """Return the names of the images of the map and its floors."""
     names = {record.satellite_path, *(_image(floor) for floor in record.floors or ())}
     return {name for name in names if name}
 
@@ -71,14 +70,6 @@ def _image(floor: Mapping[str, Any]) -> str | None:
 
 @contextmanager
 def removed_if_refused(library: Library, map_id: int, *, name: str) -> Iterator[None]:
-    """Delete the file of a new image if the map refuses it.
-
-    Args:
-        name: File name of the image in the map's folder.
-
-    Raises:
-        UsageError: Passed on from the block.
-    """
     try:
         yield
     except UsageError:
@@ -90,11 +81,7 @@ def removed_if_refused(library: Library, map_id: int, *, name: str) -> Iterator[
 
 
 def sweep(library: Library, map_id: int, *, keep: timedelta) -> int:
-    """Delete images that a killed process has left, once they are old enough.
-
-    Returns:
-        Number of images deleted.
-    """
+    """Delete images that a killed process has left, once they are old enough; return their number."""
     before = time.time() - keep.total_seconds()
     with library.database.read() as session:
         if not _left_behind(session, library, map_id, before=before):

@@ -1,4 +1,4 @@
-"""Floors of a map of the library: added, changed and removed, each as one edit."""
+"""Floors of a map: added, changed, aligned and removed, each as one edit of the library."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from sqlalchemy import select
 
-from webapp.core.geo.affine import Affine, affine_through
+from webapp.core.geo.affine import Affine, affine_through, apply_affine, compose, is_affine
 from webapp.core.geo.floors import (
     BASE_FLOOR,
     Floor,
@@ -22,15 +23,17 @@ from webapp.core.geo.floors import (
     level_problem,
     stretched,
 )
+from webapp.core.geo.types import MapPixel, inside
+from webapp.core.mapmodel.model import Experience, Map, Placement, UnplacedPhoto, facts_of
 from webapp.errors import GeoreferenceError, NotFound, UsageError
-from webapp.files.maps.floors import floor_fields
-from webapp.files.maps.notes import note_fields
+from webapp.files.atomic import write_bytes
+from webapp.files.maps.folder import read_map, write_map
+from webapp.files.maps.lists import floor_fields, note_fields
 from webapp.files.satellite.georeference_files import read_geotiff
-from webapp.files.satellite.keep import keep_file
-from webapp.files.satellite.raster import opened_raster, reduced
+from webapp.files.satellite.raster import keep_file, opened_raster, reduced
 from webapp.settings import Settings
 from webapp.store.library import Library
-from webapp.store.maps import edits
+from webapp.store.maps import edits, maps
 from webapp.store.maps.changing import MapChange
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps.library_map import floors, notes
@@ -39,21 +42,17 @@ from webapp.tasks.maps.placing import needed_image
 from webapp.tasks.satellite.apply import TRAY
 from webapp.tasks.satellite.display import PREVIEW_PX
 from webapp.tasks.satellite.files import removed_if_refused
-from webapp.tasks.satellite.upright import as_shown
+from webapp.tasks.satellite.upright import as_shown, upright_copy, upright_name
 
 
 @dataclass(frozen=True, slots=True)
 class FloorEdit:
-    """An edit of a floor."""
-
     id: int  # Id of the floor
     revision: int | None  # Revision of the edit; None if nothing changed
 
 
 @dataclass(frozen=True, slots=True)
 class NewFloor:
-    """A floor to add to a map."""
-
     floor: Floor  # Without an image; its id is chosen when it is added
     base: Floor  # Floor that the map's own image shows; used if the map has no floors yet
     # Its image, in the library's uploads folder; it is deleted afterwards. Without one, the floor is shown on
@@ -69,7 +68,6 @@ def add_floor(
     Raises:
         UsageError: The map has no image, or the floor is not valid.
         PhotoError: The image cannot be used.
-        StorageError
     """
     with (
         _kept_image(library, map_id, file=new.file, settings=settings) as image,
@@ -96,7 +94,6 @@ def set_floor_image(
 
     Raises:
         UsageError: It is the floor of the map's own image.
-        NotFound, PhotoError, StorageError
     """
     with (
         _kept_image(library, map_id, file=file, settings=settings) as image,
@@ -114,7 +111,6 @@ def remove_floor(library: Library, map_id: int, *, id: int, to_tray: bool, accou
 
     Raises:
         UsageError: There are photos on it, or the map's own image shows it.
-        NotFound
     """
     with library.changing(map_id) as change:
         session, record = change.session, change.record
@@ -163,7 +159,6 @@ def check_removable(id: int) -> None:
 
 
 def photos_on_floor(count: int) -> UsageError:
-    """Make the error for photos on a floor to be removed."""
     return UsageError(
         f"{count} photos are on this floor",
         hint="move them to another floor first, or put them into the tray (tray=1)",
@@ -237,11 +232,7 @@ def _kept_image(
 
 
 def plan_transform(file: Path, base: MapImage, *, size: tuple[int, int]) -> Affine:
-    """Align a new image with the map by the georeferences of both, else stretch it over the whole map.
-
-    Args:
-        size: Width and height of the image, pixels.
-    """
+    """Align a new image with the map by the georeferences of both, else stretch it over the whole map."""
     return _by_georeference(file, base, size=size) or stretched(*size, over=(base.width, base.height))
 
 
@@ -256,3 +247,180 @@ def _by_georeference(file: Path, base: MapImage, *, size: tuple[int, int]) -> Af
     corners = np.array([[0.0, 0.0], [size[0], 0.0], [0.0, size[1]]])
     there = base.georeference.pixel_from_latlon(own.latlon_from_pixel(corners))
     return affine_through(corners, there)
+
+
+MOST_PAIRS = 100
+
+
+def align_floor(
+    library: Library,
+    map_id: int,
+    *,
+    id: int,
+    pairs: Sequence[tuple[MapPixel, MapPixel]],
+    account_id: int,
+) -> FloorEdit:
+    """Move the image of a floor over the map, and the photos and notes on the floor with it.
+
+    Args:
+        pairs: Current and wanted positions of spots. One pair gives a shift, two a similarity, three or more
+            an affine transformation.
+
+    Raises:
+        UsageError: The floor has no image of its own, the spots do not determine the transformation, or
+            photos or notes would leave the map.
+    """
+    with library.changing(map_id) as change:
+        session, record = change.session, change.record
+        floor = further_floor(record, id)
+        if floor.image is None:
+            raise UsageError("the floor has no image of its own", hint="give it one first")
+        move = _fit(pairs)
+        laid = compose(move, floor.image.map_from_image)
+        if not is_affine(laid):
+            raise UsageError("the spots do not determine the alignment", hint="choose spots far apart")
+        image = needed_image(record, with_georeference=False)
+        changes = _moved_photos(maps.photos(session, record), image, floor=id, move=move)
+        changes |= _moved_notes(record, image, floor=id, move=move)
+        moved = replace(floor, image=replace(floor.image, map_from_image=laid))
+        revision = write_floors(change, with_floor(record, moved), account_id=account_id, changes=changes)
+    return FloorEdit(id, revision)
+
+
+def _moved_photos(
+    photos: Sequence[Photo], image: MapImage, *, floor: int, move: Affine
+) -> dict[str, Mapping[str, Any] | None]:
+    a, _, _, d, _, _ = move
+    turn_deg = math.degrees(math.atan2(d, a))
+    changes: dict[str, Mapping[str, Any] | None] = {}
+    for photo in photos:
+        if photo.floor != floor or photo.x_px is None or photo.y_px is None:
+            continue
+        at = apply_affine(move, MapPixel(photo.x_px, photo.y_px))
+        on_map = inside(at, width=image.width, height=image.height)
+        if photo.removed and not on_map:
+            changes[f"photo/{photo.id}"] = TRAY  # in case the removal is undone
+            continue
+        if not on_map:
+            raise _leaves(photo.name)
+        fields: dict[str, Any] = {"x_px": at.x, "y_px": at.y, "radius_px": photo.radius_px}
+        if photo.heading_deg is not None:
+            fields["heading_deg"] = (photo.heading_deg + turn_deg) % 360.0
+        changes[f"photo/{photo.id}"] = fields
+    return changes
+
+
+def _moved_notes(
+    record: MapRecord, image: MapImage, *, floor: int, move: Affine
+) -> dict[str, Mapping[str, Any] | None]:
+    changes: dict[str, Mapping[str, Any] | None] = {}
+    for note in notes(record):
+        if note.floor != floor or note.position is None:
+            continue
+        at = apply_affine(move, note.position)
+        if not inside(at, width=image.width, height=image.height):
+            raise _leaves(note.title)
+        changes[f"note/{note.id}"] = note_fields(replace(note, position=at))
+    return changes
+
+
+def _leaves(name: str) -> UsageError:
+    return UsageError(
+        f"{name} would be moved off the map", hint="align the floor before photos and notes are placed on it"
+    )
+
+
+def _fit(pairs: Sequence[tuple[MapPixel, MapPixel]]) -> Affine:
+    """Fit the simplest transformation to pairs of spots by least squares: shift, similarity, affine."""
+    if not 0 < len(pairs) <= MOST_PAIRS:
+        raise UsageError(f"give 1 to {MOST_PAIRS} pairs of spots", where="pairs")
+    if len(pairs) == 1:
+        (x, y), (to_x, to_y) = pairs[0]
+        return (1.0, 0.0, to_x - x, 0.0, 1.0, to_y - y)
+    before, after = (np.array([pair[side] for pair in pairs], np.float64) for side in (0, 1))
+    if len(pairs) == 2:
+        start, end = (complex(*before[1] - before[0]), complex(*after[1] - after[0]))
+        if not start or not end:
+            raise UsageError("two spots are the same", where="pairs", hint="choose spots far apart")
+        turn = end / start
+        shift = complex(*after[0]) - turn * complex(*before[0])
+        return (turn.real, -turn.imag, shift.real, turn.imag, turn.real, shift.imag)
+    found = affine_through(before, after)
+    if found is None:
+        raise UsageError("the spots are on one line", where="pairs", hint="choose spots all over the floor")
+    return found
+
+
+def add_in_folder(cfg: Path, *, new: NewFloor, settings: Settings) -> None:
+    """Add a floor; its image is copied next to the map, under its own name, upright.
+
+    Raises MapError, UsageError, PhotoError, StorageError.
+    """
+    the_map = read_map(cfg)
+    there = the_map.floors or (replace(new.base, id=BASE_FLOOR),)
+    with TemporaryDirectory() as scratch:
+        file = None if new.file is None else _shown(new.file, Path(scratch), settings=settings)
+        image = None if file is None else _laid(file, the_map, settings=settings)
+        floor = replace(new.floor, id=1 + max(one.id for one in there), image=image)
+        check_floors((*there, floor))
+        if file is not None:
+            _copy(file, cfg.with_name(file.name))
+    write_map(cfg, replace(the_map, floors=(*there, floor)))
+
+
+def _shown(file: Path, scratch: Path, *, settings: Settings) -> Path:
+    """Return the image as it is used: the file, or an upright copy in `scratch`, named after it."""
+    copy = upright_copy(file, scratch=scratch, settings=settings)
+    if copy is None:
+        return file
+    return copy.rename(scratch / upright_name(file.name, copy))
+
+
+def remove_in_folder(cfg: Path, id: int, *, to_tray: bool) -> None:
+    """Remove a floor; the file of its image is kept. Raises MapError, UsageError, StorageError.
+
+    Args:
+        to_tray: Move its photos to the tray; else a floor with photos is not removed.
+    """
+    the_map = read_map(cfg)
+    check_removable(id)
+    on_floor = [e for e in the_map.experiences if e.floor == id]
+    if on_floor and not to_tray:
+        raise photos_on_floor(len(on_floor))
+    left = tuple(floor for floor in the_map.floors if floor.id != id)
+    gone = {e.id for e in on_floor}
+    write_map(
+        cfg,
+        replace(
+            the_map,
+            floors=left if len(left) > 1 else (),
+            experiences=tuple(e for e in the_map.experiences if e.id not in gone),
+            placements=tuple(_without(placement, gone) for placement in the_map.placements),
+            unplaced=(*the_map.unplaced, *map(_in_tray, on_floor)),
+        ),
+    )
+
+
+def _without(placement: Placement, ids: set[int]) -> Placement:
+    left = {id: at for id, at in placement.positions.items() if id not in ids}
+    return replace(placement, positions=left)
+
+
+def _in_tray(e: Experience) -> UnplacedPhoto:
+    return UnplacedPhoto(e.id, e.photo, **facts_of(e))
+
+
+def _laid(file: Path, the_map: Map, *, settings: Settings) -> FloorImage:
+    base = MapImage(the_map.satellite.width, the_map.satellite.height, the_map.georeference)
+    with opened_raster(file, limits=settings.satellite) as raster:
+        size = raster.width, raster.height
+    return FloorImage(file.name, *size, plan_transform(file, base, size=size))
+
+
+def _copy(file: Path, target: Path) -> None:
+    if target.exists() and target.resolve() != file.resolve():
+        raise UsageError(
+            "a file with this name already exists next to the map", where=str(target), hint="rename the image"
+        )
+    if not target.exists():
+        write_bytes(target, file.read_bytes())

@@ -31,7 +31,6 @@ def geocode(
     """Find places with a name.
 
     Args:
-        language: Preferred language of the names, such as `cs`.
         cache: Folder of earlier results; created if missing.
 
     Raises:

@@ -10,9 +10,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from webapp.core.geo.controlpoints import ControlPoint, Model, from_control_points
-from webapp.core.geo.corners import Corners, from_corners
-from webapp.core.geo.fit import GeoreferenceFit
+from webapp.core.geo.fit import (
+    ControlPoint,
+    Corners,
+    GeoreferenceFit,
+    Model,
+    from_control_points,
+    from_corners,
+)
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.errors import GeoreferenceError, UsageError
@@ -67,10 +72,6 @@ def preview(
     found: GeoreferenceFit, request: GeoreferenceRequest, *, width: int, height: int
 ) -> dict[str, Any]:
     """Describe a georeference, for a check before it is applied.
-
-    Args:
-        request: The input that it was made from.
-        width, height: Of the image, pixels.
 
     Returns:
         `kind` (the fit), `residuals` (metres, one per control point), `rms_m`, `warnings`, `corners`
@@ -137,8 +138,6 @@ def _finite(value: float) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class GeoSource:
-    """Source of a georeference."""
-
     kind: Literal["corners", "geotiff", "worldfile", "control-points"]  #
     # Required for corners and control points; by default, a world file is looked for next to the image. A
     # GeoTIFF is the image itself.
@@ -151,9 +150,6 @@ class GeoSource:
 
 def georeference_image(image: Path, source: GeoSource, *, width: int, height: int) -> GeoreferenceFit:
     """Make the georeference of an image.
-
-    Args:
-        width, height: Of the image, pixels.
 
     Raises:
         GeoreferenceError, TableError: The source gives none; `where` names its file.

@@ -13,8 +13,7 @@ from webapp.core.geo.blank import draw, draw_sheet, plan_around
 from webapp.core.geo.georeference import Georeference
 from webapp.errors import GeoreferenceError, UsageError
 from webapp.files.satellite.georeference_files import read_geotiff
-from webapp.files.satellite.keep import keep_file, keep_pixels
-from webapp.files.satellite.raster import opened_raster, reduced
+from webapp.files.satellite.raster import keep_file, keep_pixels, opened_raster, reduced
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.maps import maps
@@ -31,8 +30,6 @@ SMALLEST_PX, LARGEST_PX = 100, 10_000
 
 @dataclass(frozen=True, slots=True)
 class UploadedImage:
-    """The result of an uploaded image."""
-
     applied: ImageEditResult
     warnings: tuple[str, ...]  # About its georeference, and whether it was turned
 
@@ -113,7 +110,6 @@ def make_blank(
     Raises:
         UsageError: The size is out of range, no photo has a GPS position, or placed photos would not lie on
             the plan.
-        StorageError
     """
     with library.database.read() as session:
         record = session.get_one(MapRecord, map_id)

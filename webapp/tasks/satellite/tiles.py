@@ -15,10 +15,9 @@ from PIL import Image
 from webapp.core.geo.tilegrid import TILE_PX, GeoBox, Tile, TileCut, cut_of
 from webapp.errors import InputError, PhotoError, UsageError
 from webapp.files.decode import open_image
-from webapp.files.satellite.keep import keep_pixels
+from webapp.files.satellite.raster import keep_pixels
 from webapp.files.satellite.tile_archive import opened_tiles
-from webapp.net.services import TileService, named, tile_services
-from webapp.net.tiles import TileFetcher
+from webapp.net.tiles import TileFetcher, TileService, named_service, tile_services
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
 from webapp.store.clock import now
@@ -47,8 +46,6 @@ class TileRequest:
 
 @dataclass(frozen=True, slots=True)
 class TileDownload:
-    """The result of a download."""
-
     new: NewImage  # The image to set
     metres_per_pixel: float  # In its middle
     # `tiles`, `missing`: Number of its tiles, and of those that the service does not have.
@@ -58,7 +55,6 @@ class TileDownload:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Messages for the user."""
         if not self.missing:
             return ()
         return (f"the service has no image for {self.missing} of {self.tiles} tiles: they are grey",)
@@ -72,7 +68,7 @@ def plan(request: TileRequest, *, settings: Settings) -> tuple[TileService, Tile
         UsageError, GeoreferenceError: The area is empty, or too large for this zoom; or the service does not
             offer this zoom.
     """
-    service = named(tile_services(settings.tile_services), request.service)
+    service = named_service(tile_services(settings.tile_services), request.service)
     if request.zoom > service.max_zoom:
         raise UsageError(
             f"{service.name} has no zoom {request.zoom}",
@@ -97,13 +93,9 @@ def fetch_tiles(
 
     Fetched tiles stay in the library's cache, so that an interrupted download can be resumed.
 
-    Args:
-        progress: One step per tile.
-
     Raises:
         NotFound, UsageError, GeoreferenceError: As `plan`.
         InputError: The service does not answer, refuses, or has no tile of the area at all.
-        StorageError, Cancelled
     """
     service, cut = plan(request, settings=settings)
     with library.database.read() as session:
@@ -132,7 +124,6 @@ _Fetch = Callable[[Iterable[Tile], Progress], Iterator[tuple[Tile, bytes | None]
 
 @contextmanager
 def _tiles(service: TileService, zoom: int, *, cache: Path, settings: Settings) -> Iterator[_Fetch]:
-    """Open the tiles of a service or of its file."""
     if service.file is None:
         fetcher = TileFetcher(service, cache=cache, settings=settings.tiles)
         yield lambda tiles, progress: fetcher.fetch(tiles, zoom=zoom, progress=progress)

@@ -22,8 +22,15 @@ from webapp.files.maps.cfg import format_cfg, read_bytes, read_cfg
 from webapp.files.maps.folder import MapFolder, json_path, read_map_json
 from webapp.files.photos.exif import orientation, read_exif
 from webapp.files.photos.photo import read_facts, turn_upright
-from webapp.files.satellite.keep import QUALITY, keep_file, writing
-from webapp.files.satellite.raster import Raster, image_kind, on_white, opened_raster
+from webapp.files.satellite.raster import (
+    QUALITY,
+    Raster,
+    image_kind,
+    keep_file,
+    on_white,
+    opened_raster,
+    writing,
+)
 from webapp.settings import PhotoLimits, Settings
 
 _AS_PNG_PIXELS = 40_000_000
@@ -167,9 +174,6 @@ def upright_copy(
         path: A missing or unreadable file can be used as it is: its reader reports it.
         described: Size that a map states. If only the stored pixels have it, they are kept as they are,
             without the orientation.
-
-    Raises:
-        PhotoError, StorageError: See `as_shown`.
     """
     try:
         shape = _shape(path, settings)
@@ -196,9 +200,6 @@ def make_plan_upright(cfg: Path, *, scratch: Path, settings: Settings) -> None:
     Args:
         cfg: A map that cannot be read is left as it is: the linter reports it.
         scratch: On the same disk.
-
-    Raises:
-        PhotoError, StorageError: See `as_shown`.
     """
     try:
         map_ = read_cfg(cfg).map

@@ -20,13 +20,14 @@ from webapp.tasks.maps.add_photo import ServiceMetadata
 from webapp.tasks.maps.panoramas import PanoramaPose, cut_panorama, view_turns
 from webapp.tasks.street.survey import (
     CUT,
+    ArrivedPhoto,
     PlacedStreetPhoto,
     StreetRequest,
     StreetSurvey,
+    StreetTarget,
     open_service,
     part_ids,
 )
-from webapp.tasks.street.targets import ArrivedPhoto, StreetTarget
 from webapp.threads import ContextThreads
 
 _LISTEN_S = 0.5
@@ -38,8 +39,6 @@ _FAILURES_IN_A_ROW = 3
 
 @dataclass(frozen=True, slots=True)
 class FailedPhoto:
-    """A photo that could not be added."""
-
     id: str
     reason: str
 
@@ -63,16 +62,11 @@ def add_street_photos(
 ) -> StreetReport:
     """Download photos and add them, each as soon as it has arrived.
 
-    Args:
-        request: The request of the survey.
-        progress: One step per photo of the service.
-
     Raises:
         NotFound: The service is no longer configured, or the map no longer exists.
         InputError: The service failed several times in a row; photos added before stay.
         TooMany: The service demands a long pause; photos added before stay.
         Busy: Photos are already being added to this map.
-        DiskFull, StorageError, Cancelled
     """
     with exclusive(
         target.scratch("adding.lock"), doing="street-level photos are being added to this map already"

@@ -126,7 +126,6 @@ def revoke_token(token_id: int) -> str:
 
 
 def account_json(who: Account) -> dict[str, Any]:
-    """Return an account as JSON, for its owner."""
     return {
         "id": who.id,
         "name": who.name,

@@ -10,7 +10,7 @@ from werkzeug.wrappers import Response
 
 from webapp.errors import ExpMapError, NotAllowed, NotFound, NotSignedIn, TooMany
 from webapp.store import sharing
-from webapp.store.accounts import accounts, devices, sign_in
+from webapp.store.accounts import accounts, sign_in
 from webapp.store.schema import Account
 from webapp.web import errors
 from webapp.web.accounts import sessions
@@ -85,7 +85,7 @@ def end_sessions() -> Response:
 def end_session(signed_in_id: int) -> Response:
     """Sign one browser out."""
     with library().database.write() as db:
-        devices.end(db, account(), id=signed_in_id)
+        sign_in.end_device(db, account(), id=signed_in_id)
     flash(_("That browser is signed out."), "success")
     return back("account_pages.show")
 
@@ -130,7 +130,7 @@ def choose_language() -> Response:
 def _page(error: ExpMapError | None = None, *, token: str | None = None) -> str:
     with library().database.read() as db:
         tokens = accounts.tokens(db, account())
-        browsers = devices.signed_in(db, account(), days=settings().web.session_days)
+        browsers = sign_in.signed_in_devices(db, account(), days=settings().web.session_days)
     return render_template(
         "accounts/account.html",
         error=error,

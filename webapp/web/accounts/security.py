@@ -41,11 +41,7 @@ _csrf = CSRFProtect()
 
 
 def allow_images(*origins: str) -> None:
-    """Allow the page of this request to load images from other origins, such as map tiles.
-
-    Args:
-        *origins: Each `https://host`; from the settings, never from a client.
-    """
+    """Allow the page of this request to load images from other origins, such as map tiles."""
     g.image_origins = (*g.get("image_origins", ()), *origins)
 
 
@@ -81,7 +77,6 @@ class _Signer(TimestampSigner):
     """Accepts what was signed before the clock was set back: by default this would end all sessions."""
 
     def unsign(self, signed_value: Any, max_age: int | None = None, return_timestamp: bool = False) -> Any:
-        """Check a signature and its age."""
         value, signed_at = super().unsign(signed_value, return_timestamp=True)
         age_s = self.get_timestamp() - int(signed_at.timestamp())
         if max_age is not None and abs(age_s) > max_age:
@@ -91,7 +86,6 @@ class _Signer(TimestampSigner):
 
 class _Sessions(SecureCookieSessionInterface):
     def get_signing_serializer(self, app: Flask) -> URLSafeTimedSerializer | None:
-        """Return what signs the cookies."""
         serializer = super().get_signing_serializer(app)
         if serializer is not None:
             serializer.signer = _Signer
@@ -179,14 +173,8 @@ def _policy() -> str:
 def secret_key(folder: Path) -> str:
     """Read the secret key, or make one if there is none; all worker processes get the same.
 
-    Args:
-        folder: The inner folder of a library.
-
     Returns:
         64 hexadecimal digits.
-
-    Raises:
-        StorageError: The file cannot be written, or does not contain a key.
     """
     path = folder / _NAME
     try:

@@ -10,7 +10,7 @@ from flask import Flask, g, request, session
 from flask_login import LoginManager, UserMixin, current_user, login_user, logout_user
 
 from webapp.errors import NotSignedIn, StorageError
-from webapp.store.accounts import accounts, devices
+from webapp.store.accounts import accounts
 from webapp.store.accounts import sign_in as ways_in
 from webapp.store.clock import now
 from webapp.store.schema import Account, SignedIn
@@ -41,14 +41,12 @@ class User(UserMixin):  # type: ignore[misc]
 
 
 def init_app(app: Flask) -> None:
-    """Connect Flask-Login."""
     manager = LoginManager(app)
     manager.session_protection = None  # phones often change their IP address
     manager.user_loader(_load)
 
 
 def is_api() -> bool:
-    """Return whether the request is for the API."""
     return request.path.startswith(API)
 
 
@@ -59,11 +57,7 @@ def bearer() -> str | None:
 
 
 def signed_in() -> Account | None:
-    """Return the caller's account; a token takes precedence over a session.
-
-    Raises:
-        NotSignedIn: The token is unknown.
-    """
+    """Return the caller's account; a token takes precedence over a session."""
     if "expmap_account" not in g:
         g.expmap_account = None  # so that the error response for an unknown token does not look it up again
         token = bearer()
@@ -88,9 +82,9 @@ def sign_in(account: Account) -> None:
     session.clear()
     session.permanent = True
     session[_ID] = secrets.token_hex(16)
-    device = devices.device_of(request.headers.get("User-Agent", ""))
+    device = ways_in.device_of(request.headers.get("User-Agent", ""))
     with library().database.write() as db:
-        devices.note_sign_in(
+        ways_in.note_sign_in(
             db, account, session_id=session[_ID], device=device, days=settings().web.session_days
         )
     login_user(User(account))
@@ -135,7 +129,7 @@ def _load(user_id: str) -> User | None:
         return None
     with library().database.read() as db:
         account = ways_in.account_of_session(db, session[_ID], account_id=int(id_))
-        due = account is not None and devices.is_use_due(db, session[_ID])
+        due = account is not None and ways_in.is_use_due(db, session[_ID])
     if due:
         _note_use(session[_ID])
     return User(account) if account is not None and account.epoch == int(epoch) else None
@@ -144,11 +138,10 @@ def _load(user_id: str) -> User | None:
 def _note_use(session_id: str) -> None:
     try:
         with library().database.write() as db:
-            devices.note_use(db, session_id)
+            ways_in.note_device_use(db, session_id)
     except StorageError as error:  # reading still works while writing fails
         _log.info("the use of a session was not noted: %s", error)
 
 
 def is_this_browser(row: SignedIn) -> bool:
-    """Return whether the request is from a browser that is signed in."""
-    return _ID in session and devices.is_of(row, session[_ID])
+    return _ID in session and ways_in.is_device_of(row, session[_ID])

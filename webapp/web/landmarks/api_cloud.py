@@ -7,16 +7,19 @@ from typing import Any
 
 from apiflask import APIBlueprint
 from flask import Response
+from sqlalchemy import select
+from sqlalchemy.orm import Session
 
 from webapp.errors import StorageError
 from webapp.extras import require
 from webapp.store.maps import maps
-from webapp.store.schema import MapRecord
-from webapp.tasks.landmarks.show_cloud import ShownCloud, shown_cloud
+from webapp.store.operate import jobs
+from webapp.store.operate.jobs import ENDED
+from webapp.store.schema import Job, MapRecord
+from webapp.tasks.landmarks.show_cloud import VERSION, ShownCloud, shown_cloud
 from webapp.web.context import account, library, open_map
 from webapp.web.landmarks import cloud_answers
 from webapp.web.landmarks.cloud_answers import CloudOut, ColmapIn
-from webapp.web.landmarks.jobs import queue_landmarks, running_job
 from webapp.web.maps.state import picture_address, source_of_photo
 
 blueprint = APIBlueprint("api_cloud", __name__, url_prefix="/api/v1/maps/<slug>/landmarks", tag="Landmarks")
@@ -88,3 +91,37 @@ def _cloud(record: MapRecord, shown: ShownCloud) -> dict[str, Any]:
         for photo in photos
     }
     return {**cloud_answers.cloud_json(shown, cameras), "job": job, "new_photos": shown.new_photos}
+
+
+_JOB = "landmarks"
+_JOBS = (_JOB, "place-rest")
+"""Kinds of jobs that compute landmarks."""
+_LAY = f"lay-{VERSION}"
+"""Job key of the alignment; as it has the version, a failure of an older version is tried again."""
+
+
+def queue_landmarks(record: MapRecord, *, only_lay: bool, account_id: int | None) -> None:
+    """Queue the job unless it is already waiting."""
+    with library().database.write() as session:
+        jobs.enqueue(
+            session,
+            _JOB,
+            map_id=record.id,
+            account_id=account_id,
+            arguments={"only_lay": only_lay},
+            key=_LAY if only_lay else "",
+        )
+
+
+def queue_for_visitors(record: MapRecord) -> None:
+    """Queue an alignment for no account, unless the last since the map's change failed or was cancelled."""
+    with library().database.read() as session:
+        last = jobs.newest(session, record.id, kind=_JOB, key=_LAY)
+    if last is None or last.state not in ("failed", "cancelled") or last.created_at < record.changed_at:
+        queue_landmarks(record, only_lay=True, account_id=None)
+
+
+def running_job(session: Session, record: MapRecord) -> int | None:
+    """Return the id of a queued or running job that computes landmarks of a map, if there is one."""
+    running = select(Job.id).where(Job.map_id == record.id, Job.kind.in_(_JOBS), Job.state.not_in(ENDED))
+    return session.scalars(running.limit(1)).first()

@@ -18,7 +18,7 @@ from webapp.tasks.landmarks.edit_points import set_in_library
 from webapp.tasks.landmarks.show_cloud import shown_cloud
 from webapp.web.context import account, library, map_role, open_map
 from webapp.web.fields import Boolean, BoundedList, RecordNumber
-from webapp.web.landmarks.jobs import queue_landmarks, running_job
+from webapp.web.landmarks.api_cloud import queue_landmarks, running_job
 
 blueprint = APIBlueprint(
     "api_control_points",

@@ -17,11 +17,10 @@ from webapp.core.mapmodel.panorama import Panorama
 from webapp.core.mapmodel.views import content_of_part
 from webapp.errors import NotFound
 from webapp.extras import require
-from webapp.files.landmarks.points import MapPoints, as_ply
+from webapp.files.landmarks.cloud import MapPoints, as_ply
 from webapp.files.maps.facts import parse_panorama
 from webapp.store.maps.blurred import boxes_of
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks.landmarks.export_models import export_models
 from webapp.tasks.landmarks.mapping import model_folders
 from webapp.tasks.landmarks.show_cloud import (
     BLOCK_POINTS,
@@ -31,6 +30,7 @@ from webapp.tasks.landmarks.show_cloud import (
     scaling,
     stored_points,
 )
+from webapp.tasks.landmarks.stored import export_models
 from webapp.tasks.localize.index_location import landmarks_folder
 from webapp.web.compression import accepts_gzip, gzipped
 from webapp.web.context import library
@@ -129,11 +129,7 @@ class ColmapIn(Schema):
 
 
 def cloud_json(shown: ShownCloud, cameras: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:
-    """Return landmarks in the form of `SharedCloudOut`, with `left_out`.
-
-    Args:
-        cameras: Further fields of the cameras, by ids of photos; cameras of other photos are left out.
-    """
+    """Return landmarks in the form of `SharedCloudOut`, with `left_out`."""
     found = shown.points
     if found is None:
         return {"key": None, "points": 0, "blocks": 0, "cameras": [], "left_out": [], "photos": len(cameras)}
@@ -172,11 +168,7 @@ def send_block(record: MapRecord, *, key: str, number: int, visitor: bool = Fals
 
 
 def send_ply(record: MapRecord, *, visitor: bool = False) -> Response:
-    """Send the points as a PLY file, in the frame of the map. Raises NotFound.
-
-    Args:
-        visitor: As for `send_block`.
-    """
+    """Send the points as a PLY file, in the frame of the map. Raises NotFound."""
     return _to_save(Response(as_ply(_points(record, visitor=visitor)), mimetype=OCTETS), f"{record.slug}.ply")
 
 
@@ -209,9 +201,6 @@ def names_of(photos: Mapping[str, Photo]) -> dict[str, str]:
     """Return the names of photos in models by content hash; views of panoramas have their angle appended.
 
     A model that was made before a photo was blurred has another hash for that photo, and thus no name.
-
-    Args:
-        photos: Photos by the names to use.
     """
     names = {}
     for name, photo in photos.items():

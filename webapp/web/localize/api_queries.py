@@ -12,12 +12,12 @@ from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import MapPixel
 from webapp.errors import NotAllowed, UsageError
-from webapp.files.photos.preview import Kind
+from webapp.files.photos.photo import Kind
 from webapp.store import queries
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, QueryRecord
-from webapp.tasks.exchange import export_answers
-from webapp.tasks.exchange.export_answers import AnswerFormat, AnswerRange
+from webapp.tasks.exchange import export_files
+from webapp.tasks.exchange.export_files import AnswerFormat, AnswerRange
 from webapp.tasks.localize import adopt_query, show_query
 from webapp.tasks.localize.adopt_query import Spot
 from webapp.web.context import account, library, map_role, open_map, reading_map, settings
@@ -123,7 +123,7 @@ def export(slug: str, form: AnswerFormat, *, query: dict[str, Any]) -> Response:
     """Download the most probable place of each photo as a CSV table, GPX waypoints or GeoJSON points."""
     record, who = open_map(slug), account()
     which = AnswerRange(query["first"], query["last"], who.id if query["mine"] else None)
-    return send_pieces(export_answers.export_answers(library(), record.id, form=form, which=which))
+    return send_pieces(export_files.export_answers(library(), record.id, form=form, which=which))
 
 
 @blueprint.get(f"/{_ID}")

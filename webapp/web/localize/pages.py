@@ -12,7 +12,7 @@ from flask_babel import gettext as _
 from flask_babel import lazy_gettext as _l
 from markupsafe import Markup
 
-from webapp.core.evaluation.summary import WITHIN_PX
+from webapp.core.evaluation.metrics import WITHIN_PX
 from webapp.core.geo.types import MapPixel
 from webapp.errors import StorageError
 from webapp.files.localize.models import usable_features, usable_methods

@@ -15,7 +15,7 @@ from werkzeug.datastructures import FileStorage
 
 from webapp.core.boxes import MOST_BOXES, BlurBox
 from webapp.core.detections import Detection
-from webapp.files.localize.blur_networks import NETWORKS, blur_networks, missing_networks
+from webapp.files.localize.models import NETWORKS, blur_networks, missing_networks
 from webapp.files.part_file import discard, receive, show_file_as
 from webapp.files.photos import panorama
 from webapp.store.maps import maps
@@ -24,7 +24,7 @@ from webapp.store.operate import jobs
 from webapp.store.operate.jobs import ENDED
 from webapp.store.schema import Job, MapRecord
 from webapp.tasks.blur.find import DetectionCache, search_photo, suggestions
-from webapp.tasks.maps import add_photo, show_photo
+from webapp.tasks.maps import add_photo, pictures
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, map_role, open_map, settings
 from webapp.web.fields import Boolean, BoundedList
@@ -61,8 +61,8 @@ def blur(slug: str, id: int, data: dict[str, list[dict[str, float]]]) -> dict[st
     """Blur parts of a photo in all its previews; visitors never get the original file."""
     record = open_map(slug, "editor")
     given = {part: [BlurBox(**box) for box in boxes] for part, boxes in data.items()}
-    wanted = show_photo.NewBlur(**given)
-    revision = show_photo.blur_photo(library(), record.id, photo_id=id, wanted=wanted, settings=settings())
+    wanted = pictures.NewBlur(**given)
+    revision = pictures.blur_photo(library(), record.id, photo_id=id, wanted=wanted, settings=settings())
     return state.edited(record, revision)
 
 
@@ -98,7 +98,7 @@ def suggest(slug: str, id: int) -> dict[str, Any]:
     with library().database.read() as session:
         photo = maps.photo(session, record, id)
     networks = blur_networks(settings().models)
-    source = show_photo.original(library(), record.slug, photo=photo)
+    source = pictures.original(library(), record.slug, photo=photo)
     kept = DetectionCache(library().map_folder(record.slug), networks.key)
     with _finding.slot(), show_file_as(photo.name, source):
         found = search_photo(source, networks=networks, kept=kept, limits=settings().photo)

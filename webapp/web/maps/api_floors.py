@@ -19,12 +19,11 @@ from webapp.errors import UsageError
 from webapp.files.part_file import receive, show_file_as
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.satellite import display, floors
-from webapp.tasks.satellite.align_floor import MOST_PAIRS, align_floor
-from webapp.tasks.satellite.floors import NewFloor
-from webapp.web.body_limits import limit_image
+from webapp.tasks.satellite.floors import MOST_PAIRS, NewFloor, align_floor
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, map_role, open_map, settings
 from webapp.web.fields import Boolean, BoundedList
+from webapp.web.json_bodies import limit_image
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer, FloorOut
 from webapp.web.openapi import file_answer

@@ -16,8 +16,7 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.maps import delete_map, edit_map
 from webapp.tasks.maps.edit_map import KINDS, RequestedEdit
 from webapp.web.context import account, if_match, library, map_role, open_map, reading_map
-from webapp.web.fields import LATER, Boolean, BoundedList, RecordNumber
-from webapp.web.lists import ListPartQuery, split, wanted_part
+from webapp.web.fields import LATER, Boolean, BoundedList, ListPartQuery, RecordNumber, split, wanted_part
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer, MapChanges, MapState, PhotoChange
 from webapp.web.openapi import json_answer

@@ -11,7 +11,7 @@ from apiflask.validators import Length
 from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.notes import MOST_TITLE, NOTE_TEXT, MapNote
-from webapp.tasks.maps import edit_notes
+from webapp.tasks.maps import edit_map
 from webapp.web.context import account, if_match, library, map_role, open_map
 from webapp.web.fields import BoundedList, RecordNumber
 from webapp.web.maps import state
@@ -63,7 +63,7 @@ def add(slug: str, data: dict[str, Any]) -> dict[str, Any]:
     """Add a note, as one step that can be undone."""
     record = open_map(slug, "editor")
     note = _note(0, data)
-    return state.edited(record, edit_notes.add_note(library(), record.id, note=note, account_id=account().id))
+    return state.edited(record, edit_map.add_note(library(), record.id, note=note, account_id=account().id))
 
 
 @blueprint.put(f"/{_ID}")
@@ -73,7 +73,7 @@ def add(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 def change(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
     """Replace a note, as one step that can be undone; `If-Match` is the revision that the caller knows."""
     record = open_map(slug, "editor")
-    revision = edit_notes.change_note(
+    revision = edit_map.change_note(
         library(),
         record.id,
         note=_note(id, data),
@@ -89,7 +89,7 @@ def change(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
 def remove(slug: str, id: int) -> dict[str, Any]:
     """Remove a note, as one step that can be undone; `If-Match` is the revision that the caller knows."""
     record = open_map(slug, "editor")
-    revision = edit_notes.remove_note(library(), record.id, id=id, account_id=account().id, seen=if_match())
+    revision = edit_map.remove_note(library(), record.id, id=id, account_id=account().id, seen=if_match())
     return state.edited(record, revision)
 
 

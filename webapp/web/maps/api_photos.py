@@ -27,12 +27,12 @@ from webapp.files.part_file import (
     one_at_a_time,
     receive,
 )
-from webapp.files.photos.preview import Kind
+from webapp.files.photos.photo import Kind
 from webapp.files.photos.sidecars import Sidecar, Sidecars, is_sidecar
 from webapp.files.photos.xmp import MAX_BYTES
-from webapp.store.maps import maps, uploads
+from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, Upload
-from webapp.tasks.maps import add_photo, show_photo
+from webapp.tasks.maps import add_photo, pictures
 from webapp.tasks.maps.add_photo import AddedPhoto, IncomingPhoto
 from webapp.web import chunks
 from webapp.web.context import account, library, map_role, open_map, reading_map, settings
@@ -207,7 +207,7 @@ def preview(slug: str, id: int) -> Response:
 def original(slug: str, id: int) -> Response:
     """Get the original file of a photo."""
     record, photo = _find(slug, id)
-    file = show_photo.file_of(library(), record.slug, photo=photo)
+    file = pictures.file_of(library(), record.slug, photo=photo)
     return send_original(file, photo.name, audience="members")
 
 
@@ -232,7 +232,7 @@ def _find(slug: str, id: int) -> tuple[MapRecord, Photo]:
 
 def _preview(slug: str, id: int, kind: Kind) -> Response:
     record, photo = _find(slug, id)
-    file = show_photo.file_of(library(), record.slug, photo=photo)
+    file = pictures.file_of(library(), record.slug, photo=photo)
     return send_picture(file, kind=kind, audience="members", changes_url=True)
 
 
@@ -293,9 +293,9 @@ def begin(slug: str, given: dict[str, Any]) -> dict[str, Any]:
     _check_size(given["name"], given["size_bytes"])
     with library().database.write() as session:
         row = session.get_one(MapRecord, record.id, with_for_update=True)
-        upload = uploads.begin(session, row, account_id=who.id, file=uploads.Announced(**given))
+        upload = maps.begin_upload(session, row, account_id=who.id, file=maps.Announced(**given))
         most = settings().upload.open_per_account
-        if uploads.count_open(session, account_id=who.id) > most:
+        if maps.count_open_uploads(session, account_id=who.id) > most:
             raise UsageError(f"{most} uploads are unfinished", hint="finish or cancel some of them first")
     return _state(upload)
 
@@ -346,7 +346,7 @@ def give_up(slug: str, id: str) -> str:
 
 def _find_upload(record: MapRecord, id: str) -> Upload:
     with library().database.read() as session:
-        return uploads.find(session, id, map_id=record.id, account_id=account().id)
+        return maps.find_upload(session, id, map_id=record.id, account_id=account().id)
 
 
 def _part(upload: Upload) -> Path:
@@ -380,5 +380,5 @@ def _check_size(name: str, size_bytes: int) -> None:
 def _give_up(upload: Upload) -> None:
     """Delete the record, then the remaining bytes."""
     with library().database.write() as session:
-        uploads.finish(session, upload.id)
+        maps.finish_upload(session, upload.id)
     discard(_part(upload))

@@ -16,11 +16,21 @@ from webapp.errors import UsageError
 from webapp.files.exchange.gpx import parse_gpx
 from webapp.files.part_file import discard, receive, show_file_as
 from webapp.files.text_file import MAX_BYTES
-from webapp.tasks.maps import place_by_list, place_by_track, placements
+from webapp.tasks.maps import edit_map
 from webapp.tasks.maps.add_photo import tidy_name
-from webapp.tasks.maps.place_by_list import ListPreview, PositionList
-from webapp.tasks.maps.place_by_track import Clock, Preview, parse_zone
-from webapp.tasks.maps.placing import PlacingResult, place_by_gps
+from webapp.tasks.maps.placing import (
+    Clock,
+    ListPreview,
+    PlacingResult,
+    PositionList,
+    Preview,
+    parse_zone,
+    place_by_gps,
+    place_by_list,
+    place_by_track,
+    preview_list,
+    preview_track,
+)
 from webapp.web.context import account, library, map_role, open_map
 from webapp.web.fields import Boolean, BoundedDict, BoundedList, RecordNumber
 from webapp.web.maps import state
@@ -183,11 +193,9 @@ def by_list(slug: str, query: dict[str, bool], given: dict[str, Any]) -> dict[st
         receive(part, file.stream, max_bytes=MAX_BYTES)
         if query["preview"]:
             placing = PlacingResult((), ())
-            seen = place_by_list.preview(library(), record.id, listed=listed)
+            seen = preview_list(library(), record.id, listed=listed)
         else:
-            placing, seen = place_by_list.place_by_list(
-                library(), record.id, listed=listed, account_id=account().id
-            )
+            placing, seen = place_by_list(library(), record.id, listed=listed, account_id=account().id)
     finally:
         discard(part)
     return {**placing_json(placing), **_listed_json(seen)}
@@ -206,9 +214,9 @@ def by_gpx(slug: str, query: dict[str, bool], given: dict[str, Any]) -> dict[str
         track = parse_gpx(given["file"].stream.read())
     if query["preview"]:
         placing = PlacingResult((), ())
-        seen = place_by_track.preview(library(), record.id, track=track, clock=clock)
+        seen = preview_track(library(), record.id, track=track, clock=clock)
     else:
-        placing, seen = place_by_track.place_by_track(
+        placing, seen = place_by_track(
             library(), record.id, track=track, clock=clock, account_id=account().id
         )
     span = {"fixes": len(track), "begins_s": float(track.times_s[0]), "ends_s": float(track.times_s[-1])}
@@ -297,7 +305,7 @@ def put(slug: str, name: str, *, data: dict[str, Any]) -> dict[str, Any]:
     positions = None
     if data["positions"] is not None:
         positions = {id: MapPixel(x, y) for id, (x, y) in data["positions"].items()}
-    revision = placements.put(
+    revision = edit_map.put_placement(
         library(),
         record.id,
         name=name,
@@ -313,4 +321,4 @@ def put(slug: str, name: str, *, data: dict[str, Any]) -> dict[str, Any]:
 def delete(slug: str, name: str) -> dict[str, Any]:
     """Delete a placement; the photos and their positions on the map are kept."""
     record, who = open_map(slug, "editor"), account()
-    return state.edited(record, placements.delete(library(), record.id, name=name, account_id=who.id))
+    return state.edited(record, edit_map.delete_placement(library(), record.id, name=name, account_id=who.id))

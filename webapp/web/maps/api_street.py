@@ -15,6 +15,7 @@ from webapp.store.operate import jobs
 from webapp.tasks.street.survey import (
     PANORAMA_WISHES,
     SOURCES,
+    LibraryTarget,
     PixelBox,
     StreetRequest,
     check_request,
@@ -22,12 +23,11 @@ from webapp.tasks.street.survey import (
     survey_json,
     survey_street,
 )
-from webapp.tasks.street.targets import LibraryTarget
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, map_role, open_map, settings
 from webapp.web.fields import BoundedList
 from webapp.web.maps.schemas import JobSchema
-from webapp.web.operate.job_json import job_json
+from webapp.web.operate.jobs import job_json
 
 blueprint = APIBlueprint("api_street", __name__, url_prefix="/api/v1/maps/<slug>/street-photos", tag="Photos")
 

@@ -21,7 +21,7 @@ from webapp.store.operate import jobs
 from webapp.store.schema import Account, MapRecord
 from webapp.web import errors
 from webapp.web.context import account, library, open_map, reading_map
-from webapp.web.lists import MOST_SEARCHED, split, wanted_part
+from webapp.web.fields import MOST_SEARCHED, split, wanted_part
 from webapp.web.maps import state as map_state
 from webapp.web.pages import Tab, back, page, text
 from webapp.web.satellite.layers import offered_layers
@@ -36,8 +36,6 @@ _MOST_DOTS = 200
 
 @dataclass(frozen=True, slots=True)
 class MapCard:
-    """An entry of the list of maps."""
-
     map: MapRecord
     role: Role | None  # Role of the caller
     photos: int

@@ -15,7 +15,7 @@ from webapp.core.geo.floors import BASE_FLOOR, Floor
 from webapp.core.geo.georeference import Georeference, latlon_grid
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import EDITED, FACTS, WRITTEN, PhotoSource
-from webapp.files.photos.preview import Kind, blur_key
+from webapp.files.photos.photo import Kind, blur_key
 from webapp.files.satellite.pyramid import max_zoom
 from webapp.store.maps import edits, maps
 from webapp.store.maps.blurred import boxes_of
@@ -26,7 +26,7 @@ from webapp.tasks.maps.library_map import floors, georeference
 from webapp.tasks.satellite import display
 from webapp.tasks.satellite.files import source_of
 from webapp.web import context
-from webapp.web.operate.job_json import job_json
+from webapp.web.operate.jobs import job_json
 from webapp.web.state import library
 
 FIRST_PHOTOS = 500
@@ -119,7 +119,6 @@ def edited(record: MapRecord, revision: int | None) -> dict[str, Any]:
     """Return the changes made by one edit, without concurrent edits, which `changes` returns.
 
     Args:
-        record: The map, before or after the edit.
         revision: Revision of the edit; None if it changed nothing.
 
     Returns:
@@ -148,7 +147,6 @@ def _changed(record: MapRecord, photos: list[Photo]) -> list[dict[str, Any]]:
 
 
 def summary(session: Session, record: MapRecord, *, account: Account) -> dict[str, Any]:
-    """Return the entry of a map in a list."""
     return summaries(session, [record], account=account)[0]
 
 
@@ -248,7 +246,6 @@ def written_facts() -> list[dict[str, Any]]:
 
 
 def notes_json(record: MapRecord) -> list[dict[str, Any]]:
-    """Return the notes on spots of a map."""
     empty: dict[str, Any] = {"x_px": None, "y_px": None, "text": "", "photos": [], "floor": BASE_FLOOR}
     return [{**empty, **note} for note in record.notes or ()]
 

@@ -11,7 +11,7 @@ from flask_babel import lazy_gettext as _l
 
 from webapp.core.mapmodel.walk import Walk
 from webapp.errors import UsageError
-from webapp.store.maps.timeline import count_without_time, days
+from webapp.store.maps.maps import count_without_time, days_with_photos
 from webapp.tasks.maps.walk import stops_of, walk_along
 from webapp.web.context import account, library, reading_map
 from webapp.web.maps import state as map_state
@@ -52,7 +52,7 @@ def timeline() -> str:
     if before is not None and not _DATE.fullmatch(before):
         raise UsageError("this part of the list does not exist", hint="open the list again")
     with library().database.read() as session:
-        found = days(session, account(), before=before, most=_DAYS + 1, photos=_PHOTOS)
+        found = days_with_photos(session, account(), before=before, most=_DAYS + 1, photos=_PHOTOS)
         shown = found[:_DAYS]
         return render_template(
             "view/timeline.html",

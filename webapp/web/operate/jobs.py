@@ -1,4 +1,4 @@
-"""Operation of a server: the API and page of jobs, and health checks."""
+"""Operation of a server: the API and page of jobs, their JSON, and health checks."""
 
 from __future__ import annotations
 
@@ -12,15 +12,17 @@ from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound
 from webapp.jobs.health import Health, Report
+from webapp.store.database import moment
 from webapp.store.maps import maps
 from webapp.store.maps.maps import Role
 from webapp.store.operate import job_views, jobs
 from webapp.store.schema import Account, Job, MapRecord
 from webapp.web.context import account, library, open_map, public, settings
 from webapp.web.fields import LATER, Boolean
+from webapp.web.language import translate_job
 from webapp.web.maps.schemas import JobSchema
-from webapp.web.operate.job_json import job_json
 from webapp.web.pages import Tab, page
+from webapp.web.state import parts
 
 jobs_api = APIBlueprint("jobs", __name__, url_prefix="/api/v1/jobs", tag="Jobs")
 jobs_pages = Blueprint("jobs_pages", __name__)
@@ -149,3 +151,24 @@ def readyz() -> Report:
 def healthz() -> Report:
     """Answer as the supervisor does; see `webapp.jobs.health`."""
     return Health(library(), settings()).whole()
+
+
+def job_json(session: Session, job: Job, *, account: Account) -> dict[str, Any]:
+    form = job_views.to_json(session, job, account_id=account.id)
+    return translate_job(form) | {"behind": _behind(session, job, account=account)}
+
+
+def _behind(session: Session, job: Job, *, account: Account) -> dict[str, Any] | None:
+    """Return what a waiting job waits for; the map is named only to those who may see it."""
+    other = job_views.blocker(session, job, short=parts().short_jobs)
+    if other is None:
+        return None
+    record = None if other.map_id is None else session.get(MapRecord, other.map_id)
+    if record is not None and maps.role_of(session, record, account=account) is None:
+        record = None
+    left = job_views.seconds_left(other, at=moment(session))
+    return {
+        "kind": other.kind,
+        "map_name": None if record is None else record.name,
+        "seconds_left": None if left is None else round(left, 1),
+    }

@@ -19,7 +19,7 @@ from flask.sansio.app import App
 from webapp.errors import NotFound, StorageError
 from webapp.extras import extra
 from webapp.files.contents import in_use
-from webapp.files.object_storage.watch import Operation, watch
+from webapp.files.object_storage.bucket import Operation, watch
 from webapp.settings import shares_metrics
 from webapp.store.library import Library
 from webapp.store.operate import job_views
@@ -35,11 +35,7 @@ _SECONDS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
 
 
 def init_app(app: Flask) -> None:
-    """Register the counting of requests, if the settings have a token.
-
-    Raises:
-        MissingPart: The client library is not installed.
-    """
+    """Register the counting of requests, if the settings have a token."""
     if app.extensions[KEY].settings.serve.metrics_token is not None:
         app.extensions[_EXTENSION] = counted = _Metrics()
         watch(counted)

@@ -15,7 +15,7 @@ from webapp.errors import ExpMapError, NotAllowed
 from webapp.files.part_file import discard, receive
 from webapp.store.operate import jobs
 from webapp.tasks.operate import models
-from webapp.tasks.operate.second_looks import queue_second_looks
+from webapp.tasks.operate.models import queue_second_looks
 from webapp.web import errors
 from webapp.web.context import account, library, settings
 from webapp.web.pages import back, page

@@ -1,39 +1,177 @@
-"""API of the satellite image of a map: set it from an upload, as a blank plan or from tiles, and get it."""
+"""API of the satellite image of a map and its georeference, and of places by their names."""
 
 from __future__ import annotations
 
+import json
 import secrets
+from collections.abc import Sequence
 from datetime import timedelta
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import File, Float, Integer, List, Nested, String
-from apiflask.validators import Length, Range
+from apiflask.fields import Dict, File, Float, Integer, List, Nested, String
+from apiflask.validators import Length, OneOf, Range
 from flask import Response, request, send_file
 from werkzeug.datastructures import FileStorage
 
+from webapp.core.geo.fit import NEEDED, ControlPoint, GeoreferenceFit
 from webapp.core.geo.tilegrid import MAX_ZOOM, GeoBox
+from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import NotFound, UsageError
 from webapp.files.part_file import receive, show_file_as
 from webapp.files.satellite.georeference_files import parse_corners
 from webapp.files.satellite.tile_archive import PICTURES, opened_tiles
-from webapp.net.services import named, tile_services
+from webapp.net.tiles import named_service, tile_services
 from webapp.store.operate import jobs
 from webapp.store.operate.job_views import TILES_JOB
+from webapp.store.schema import MapRecord
 from webapp.tasks.maps.add_photo import tidy_name
+from webapp.tasks.maps.place_photos import MapImage
+from webapp.tasks.maps.placing import needed_image
 from webapp.tasks.satellite import display, new_image
+from webapp.tasks.satellite import georeference as satellite_georeference
 from webapp.tasks.satellite import tiles as satellite_tiles
-from webapp.tasks.satellite.apply import ImageChoice
+from webapp.tasks.satellite.apply import ImageChoice, ImageEditResult, set_georeference
 from webapp.tasks.satellite.display import DisplayFile
+from webapp.tasks.satellite.geocode import geocode
 from webapp.tasks.satellite.georeference import GeoreferenceRequest
 from webapp.tasks.satellite.new_image import PlanSize
 from webapp.tasks.satellite.tiles import TileRequest
-from webapp.web.body_limits import limit_image
+from webapp.web import language
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, map_role, open_map, public, settings
-from webapp.web.fields import Boolean, RecordNumber
+from webapp.web.fields import Boolean, BoundedList, JsonValue, RecordNumber
+from webapp.web.json_bodies import limit_image
+from webapp.web.maps import state
+from webapp.web.maps.schemas import EditAnswer
 from webapp.web.openapi import file_answer
-from webapp.web.satellite.api_georeference import MOST_CORNERS, ImageAnswer, answer
+
+georeference_api = APIBlueprint(
+    "api_georeference", __name__, url_prefix="/api/v1/maps/<slug>/georeference", tag="Satellite image"
+)
+
+_MOST_POINTS = 500
+_CORNER_VALUES = 20
+MOST_CORNERS = 10_000
+"""Bytes of corners as JSON."""
+
+
+class PointIn(Schema):
+    """A control point: a spot in the image with known latitude and longitude."""
+
+    x = Float(required=True, metadata={"description": "Pixels from the outer left edge."})
+    y = Float(required=True, metadata={"description": "Pixels from the outer top edge."})
+    lat = Float(required=True)
+    lon = Float(required=True)
+
+
+class GeoreferenceIn(Schema):
+    """Corners, control points, or a world file."""
+
+    kind = String(required=True, validate=OneOf(("corners", "control-points", "worldfile")))
+    corners = JsonValue(
+        bytes=MOST_CORNERS,
+        values=_CORNER_VALUES,
+        load_default=None,
+        metadata={
+            "type": "object",
+            "additionalProperties": {},
+            "description": "`top_left` and `bottom_right`, or all four.",
+        },
+    )
+    points = BoundedList(Nested(PointIn), load_default=[], most=_MOST_POINTS)
+    model = String(load_default=None, allow_none=True, validate=OneOf(tuple(NEEDED)))
+    worldfile = String(load_default=None, validate=Length(max=10_000))
+    crs = String(load_default=None, allow_none=True, validate=Length(max=5000))
+    seen = RecordNumber(
+        load_default=None, metadata={"description": "Newest revision you know; a later image is a conflict."}
+    )
+
+
+class PreviewOut(Schema):
+    """A georeference that is not applied yet."""
+
+    kind = String(metadata={"description": "What was fitted."})
+    residuals = List(Float(), metadata={"description": "Metres, one for each control point."})
+    rms_m = Float(allow_none=True)
+    warnings = List(String())
+    corners = Dict()
+    metres_per_pixel = Float(allow_none=True)
+    north_deg = Float(
+        allow_none=True, metadata={"description": "Where north is, clockwise from the image's top."}
+    )
+    points = List(Dict())
+    georeference = Dict()
+
+
+class ImageAnswer(EditAnswer):
+    """The map's new image, and the photos that changed with it."""
+
+    to_tray = Integer(metadata={"description": "Photos that went back to the tray."})
+    from_tray = Integer(metadata={"description": "Photos that were placed by their GPS."})
+    warnings = List(String())
+
+
+@georeference_api.post("/preview")
+@map_role("editor")
+@georeference_api.input(GeoreferenceIn, arg_name="given")
+@georeference_api.output(PreviewOut)
+def preview(slug: str, given: dict[str, Any]) -> dict[str, Any]:
+    """Compute a georeference and its residuals; nothing is changed."""
+    image, data, found = _fitted(open_map(slug, "editor"), given)
+    return satellite_georeference.preview(found, data, width=image.width, height=image.height)
+
+
+@georeference_api.put("")
+@map_role("editor")
+@georeference_api.input(GeoreferenceIn, arg_name="given")
+@georeference_api.output(ImageAnswer)
+def put(slug: str, given: dict[str, Any]) -> dict[str, Any]:
+    """Set the georeference of the image, as one step that can be undone."""
+    record = open_map(slug, "editor")
+    _, _, found = _fitted(record, given)
+    choice = ImageChoice(account().id, seen=given["seen"])
+    applied = set_georeference(library().changing, record.id, georeference=found.georeference, choice=choice)
+    return answer(record, applied, warnings=found.warnings)
+
+
+@georeference_api.delete("")
+@georeference_api.output(ImageAnswer)
+def delete(slug: str) -> dict[str, Any]:
+    """Remove the georeference; photos keep their positions on the image."""
+    record = open_map(slug, "editor")
+    applied = set_georeference(
+        library().changing, record.id, georeference=None, choice=ImageChoice(account().id)
+    )
+    return answer(record, applied)
+
+
+def _fitted(
+    record: MapRecord, given: dict[str, Any]
+) -> tuple[MapImage, GeoreferenceRequest, GeoreferenceFit]:
+    image = needed_image(record, with_georeference=False)
+    corners = given["corners"]
+    points = [ControlPoint(MapPixel(p["x"], p["y"]), LatLon(p["lat"], p["lon"])) for p in given["points"]]
+    data = GeoreferenceRequest(
+        given["kind"],
+        corners=None if corners is None else parse_corners(json.dumps(corners).encode()),
+        points=points,
+        model=given["model"],
+        worldfile=given["worldfile"],
+        crs=given["crs"],
+    )
+    return image, data, satellite_georeference.fit(data, width=image.width, height=image.height)
+
+
+def answer(record: MapRecord, applied: ImageEditResult, *, warnings: Sequence[str] = ()) -> dict[str, Any]:
+    """Return the changes made by an edit of the image or its georeference."""
+    who = account()
+    with library().database.read() as session:
+        row = session.get_one(MapRecord, record.id)
+        changed = state.changes(session, row, account=who, since=record.revision)
+    report = {"to_tray": applied.to_tray, "from_tray": applied.from_tray, "warnings": list(warnings)}
+    return {**changed, **report}
+
 
 blueprint = APIBlueprint("api_satellite", __name__, url_prefix="/api/v1", tag="Satellite image")
 blueprint.before_request(limit_image)
@@ -133,7 +271,7 @@ def services() -> dict[str, Any]:
 @blueprint.doc(responses=file_answer("The tile.", "image/png", "image/jpeg", "image/webp"))
 def service_tile(*, name: str, z: int, x: int, y: int) -> Response:
     """Get a tile of a service that is a file of this server: a PNG, JPEG or WebP file."""
-    service = named(tile_services(settings().tile_services), name)
+    service = named_service(tile_services(settings().tile_services), name)
     if not service.public:
         account()
     missing = NotFound("tile not found", where=f"{z}/{x}/{y}")
@@ -278,3 +416,47 @@ def _sent(shown: DisplayFile) -> Response:
     if request.args.get("v") == shown.key:
         response.headers["Cache-Control"] = f"private, max-age={int(_KEPT.total_seconds())}, immutable"
     return response
+
+
+places_api = APIBlueprint("api_places", __name__, url_prefix="/api/v1", tag="Satellite image")
+
+
+class PlaceQuery(Schema):
+    """The name of a place."""
+
+    q = String(required=True, validate=Length(min=1, max=200), metadata={"example": "Lund, Sweden"})
+
+
+class PlaceOut(Schema):
+    """A place, and its extent in degrees."""
+
+    name = String()
+    lat = Float()
+    lon = Float()
+    north = Float()
+    south = Float()
+    west = Float()
+    east = Float()
+
+
+class PlacesOut(Schema):
+    """Places, the best match first."""
+
+    places = List(Nested(PlaceOut))
+    attribution = String(metadata={"description": "to be shown with them"})
+
+
+@places_api.get("/places")
+@places_api.input(PlaceQuery, location="query", arg_name="query")
+@places_api.output(PlacesOut)
+def search(query: dict[str, str]) -> dict[str, Any]:
+    """Search places by name; 404 if the setting `geocoder.address` is not given."""
+    account()
+    chosen = settings().geocoder
+    found = geocode(
+        query["q"], language=language.current(), cache=library().inner / "places", settings=chosen
+    )
+    return {
+        "places": [{"name": p.name, **p.position._asdict(), **p.box._asdict()} for p in found],
+        "attribution": chosen.attribution,
+    }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 
 from webapp.errors import UsageError
-from webapp.net.services import TileService, tile_services
+from webapp.net.tiles import TileService, tile_services
 from webapp.web.accounts.security import allow_images
 from webapp.web.context import settings
 

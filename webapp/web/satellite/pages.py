@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 from flask import Blueprint, render_template
 from flask_babel import lazy_gettext as _l
 
-from webapp.core.geo.area import area_around
+from webapp.core.geo.tilegrid import area_around
 from webapp.core.geo.types import LatLon
 from webapp.store.maps import maps
 from webapp.store.operate import job_views
@@ -18,7 +18,7 @@ from webapp.tasks.maps.placing import RequestedPose, find_spots, image_of
 from webapp.tasks.satellite.georeference import on_earth
 from webapp.web.context import account, reading_map, settings
 from webapp.web.maps.state import satellite_json
-from webapp.web.operate.job_json import job_json
+from webapp.web.operate.jobs import job_json
 from webapp.web.pages import Tab, page
 from webapp.web.satellite.api_satellite import service_json
 from webapp.web.satellite.layers import offered_layers

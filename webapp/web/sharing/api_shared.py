@@ -15,18 +15,18 @@ from limits.strategies import FixedWindowRateLimiter
 from werkzeug.datastructures import FileStorage
 
 from webapp.errors import IndexDamaged, NotFound, NotReady, TooMany
-from webapp.files.photos.preview import Kind
+from webapp.files.photos.photo import Kind
 from webapp.store import sharing
 from webapp.store.sharing import OpenedShare
 from webapp.tasks.localize import show_query, upload
 from webapp.tasks.localize.upload import LocalizeRequest, Send
-from webapp.tasks.maps import show_photo
+from webapp.tasks.maps import pictures
 from webapp.tasks.satellite import display
 from webapp.tasks.satellite.floors import found_floor
-from webapp.web.body_limits import limit_photo
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import authorized_by, library, public, settings
 from webapp.web.counting import storage_address
+from webapp.web.json_bodies import limit_photo
 from webapp.web.localize.answers import Located, answer_or_events
 from webapp.web.localize.api_localize import map_cache, received
 from webapp.web.maps.schemas import FloorOut, NoteOut, PageQuery
@@ -167,7 +167,7 @@ def photo_original(token: str, id: int) -> Response:
     opened = _opened(token, originals=True)
     with library().database.read() as session:
         record, photo = shared_state.photo(session, opened, id=id)
-    file = show_photo.file_of(library(), record.slug, photo=photo)
+    file = pictures.file_of(library(), record.slug, photo=photo)
     return send_original(file, photo.name, audience="visitors")
 
 
@@ -259,7 +259,7 @@ def _photo_preview(token: str, id: int, kind: Kind) -> Response:
     opened = _opened(token)
     with library().database.read() as session:
         record, photo = shared_state.photo(session, opened, id=id)
-    file = show_photo.file_of(library(), record.slug, photo=photo)
+    file = pictures.file_of(library(), record.slug, photo=photo)
     return send_picture(file, kind=kind, audience="visitors")
 
 

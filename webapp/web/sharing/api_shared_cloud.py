@@ -15,8 +15,8 @@ from webapp.store.maps.blurred import blurred_elsewhere
 from webapp.tasks.landmarks.show_cloud import points_for_visitors, shown_cloud
 from webapp.web.context import library, public
 from webapp.web.landmarks import cloud_answers
+from webapp.web.landmarks.api_cloud import queue_for_visitors
 from webapp.web.landmarks.cloud_answers import ColmapIn, SharedCloudOut
-from webapp.web.landmarks.jobs import queue_for_visitors
 from webapp.web.sharing import shared_state
 from webapp.web.sharing.api_shared import visitors_limit
 

@@ -91,11 +91,7 @@ def _about(session: Session, opened: OpenedShare, token: str) -> dict[str, Any]:
 
 
 def photo(session: Session, opened: OpenedShare, *, id: int) -> tuple[MapRecord, Photo]:
-    """Find a photo whose previews the share includes.
-
-    Raises:
-        NotFound: The share does not include its previews.
-    """
+    """Find a photo whose previews the share includes."""
     found = maps.photo(session, opened.map, id)
     if not _is_on(found) or not _shows(opened, id):
         raise NotFound(f"the map has no photo {id}", hint="reload the page")
@@ -129,7 +125,6 @@ def files_not_shared() -> NotFound:
 
 
 def landmarks_page(opened: OpenedShare, *, token: str) -> dict[str, Any]:
-    """Return the state for the page with landmarks, without these."""
     return {
         "name": opened.map.name,
         "token": token,

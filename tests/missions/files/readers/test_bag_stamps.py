@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from webapp.missions.files.readers import rosbag
-from webapp.missions.files.readers.bag_stamps import BACK, BAD_STAMP, NO_STAMP
+from webapp.missions.files.readers.bag_limits import BACK, BAD_STAMP, NO_STAMP
 from webapp.missions.files.track_chunks import Findings
 
 START = 1_777_629_600.0

@@ -15,7 +15,7 @@ from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import import_file
 from webapp.missions.web import api_staged
 from webapp.settings import FileLimits
-from webapp.tasks.operate.sweep_uploads import sweep_uploads
+from webapp.tasks.maps.photo_files import sweep_uploads
 
 FILES = "/api/v1/mission-files"
 TABLE = (

@@ -4,7 +4,7 @@ import pytest
 from sqlalchemy import select
 
 from webapp.app.registry import REGISTRY
-from webapp.core.geo.corners import Corners, from_corners
+from webapp.core.geo.fit import Corners, from_corners
 from webapp.core.geo.types import LatLon
 from webapp.files.maps.map_json import georeference_fields
 from webapp.jobs.context import Context, JobProgress

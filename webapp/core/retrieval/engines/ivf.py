@@ -37,7 +37,6 @@ _PROBES_BINARY = 48
 
 
 def cells_for(descriptors: int) -> int:
-    """Compute the number of cells of an index from its number of descriptors."""
     cells = int(_CELLS_OVER_ROOT * descriptors**0.5)
     return max(1, min(cells, descriptors // SAMPLE_PER_CELL, _MOST_CELLS))
 

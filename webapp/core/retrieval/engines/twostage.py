@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.retrieval.engines import vlad
-from webapp.core.retrieval.engines.segment import Segment
-from webapp.core.retrieval.engines.types import Neighbours, no_neighbours
+from webapp.core.retrieval.engines.types import Neighbours, Segment, no_neighbours
 from webapp.core.retrieval.engines.vlad import Codebook
 from webapp.threads import in_threads
 

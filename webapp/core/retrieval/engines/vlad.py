@@ -32,14 +32,11 @@ _BLOCK = 256
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Codebook:
-    """Parameters of signatures."""
-
     centres: NDArray[np.float32]  # (c, d) float32
     mean: NDArray[np.float32]  # (c, d) float32. Mean of the aggregated vectors of some photos.
 
     @property
     def signature_bytes(self) -> int:
-        """Size of one signature."""
         return self.centres.size // 8
 
 

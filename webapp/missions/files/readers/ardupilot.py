@@ -82,7 +82,6 @@ def read_dataflash(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
 def _dataflash(
     file: BinaryIO, known: dict[int, _Message], *, findings: Findings
 ) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the messages of receivers."""
     data, at, begin, broken = b"", 0, 0, 0
     while True:
         if len(data) - at < _BLOCK:

@@ -172,7 +172,6 @@ class _Rows:
             yield self.piece(key)
 
     def rest(self) -> Iterator[Piece]:
-        """Yield the remaining rows."""
         for track in list(self.poses):
             yield self.piece(track)
 

@@ -18,8 +18,9 @@ from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
-from webapp.core.column_words import DATE_ORDERS, EXCEL_DAYS
 from webapp.core.columns import (
+    DATE_ORDERS,
+    EXCEL_DAYS,
     POSE_FIELDS,
     Column,
     Columns,

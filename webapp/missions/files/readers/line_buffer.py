@@ -63,7 +63,6 @@ class LineBuffer:
             yield self._piece()
 
     def flush(self, findings: Findings) -> Iterator[WorldPiece]:
-        """Yield the rest of the line."""
         if self.points:
             yield self._piece()
         if not self.count:

@@ -461,7 +461,6 @@ def _survey(file: BinaryIO) -> _Survey:
 
 
 def _receivers(file: BinaryIO, *, checked: bool) -> dict[str, int]:
-    """Return the number of receivers of each talker."""
     file.seek(0)
     crowds: dict[str, _Crowd] = {}
     for _, sentence in _sentences(file, checked=checked, findings=Findings()):

@@ -26,8 +26,13 @@ from webapp.files.exchange.tum import yaw_of
 from webapp.missions.core.trajectory.planned import is_planned
 from webapp.missions.core.trajectory.records import make_poses
 from webapp.missions.core.trajectory.robotframe import LocalPoses
-from webapp.missions.files.readers.bag_limits import limited_reader1, limited_reader2
-from webapp.missions.files.readers.bag_stamps import Stamp, TopicClock, clock_of
+from webapp.missions.files.readers.bag_limits import (
+    Stamp,
+    TopicClock,
+    clock_of,
+    limited_reader1,
+    limited_reader2,
+)
 from webapp.missions.files.track_chunks import (
     CHUNK,
     Findings,
@@ -72,8 +77,6 @@ PLANNED = "messages with planned poses, which were not driven (name the topic to
 
 @dataclass(frozen=True, slots=True)
 class _RosPose:
-    """A pose."""
-
     # Seconds since 1970; latitude, longitude and height, or x, y and z in the robot's frame; yaw, radians;
     # variances of east and north, or of x and y, and their covariance, square metres.
     values: tuple[float, ...]
@@ -251,8 +254,6 @@ def _score(result: Any) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """A topic of a bag."""
-
     name: str
     type: str  # Type of its messages: `nav_msgs/msg/Odometry`
     messages: int
