@@ -35,7 +35,7 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "sharing",
         "field",
     ),
-    "Localization": ("localization", "features", "large-maps", "scale", "measurements", "notation"),
+    "Localization": ("localize", "localization", "features", "large-maps", "measurements", "notation"),
     "Robots": ("missions", "robots", "ros", "foxglove", "tak", "fusion", "mission-exports"),
     "Reference": (
         "commands",
@@ -45,9 +45,8 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "errors",
         "results",
         "compatibility",
-        "operating",
-        "cluster",
     ),
+    "Operating": ("operating", "scale", "monitoring", "cluster", "s3", "dask"),
 }
 """Chapters of the manual in their order, by part: names of the files in `docs/`, without extension."""
 
