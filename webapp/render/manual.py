@@ -21,6 +21,7 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
     "Maps": (
         "make-a-map",
         "first-map",
+        "localize",
         "view",
         "dozen-clicks",
         "floors",
@@ -35,7 +36,7 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "sharing",
         "field",
     ),
-    "Localization": ("localize", "localization", "features", "large-maps", "measurements", "notation"),
+    "Localization": ("localization", "features", "large-maps", "scale", "measurements", "notation"),
     "Robots": ("missions", "robots", "ros", "foxglove", "tak", "fusion", "mission-exports"),
     "Reference": (
         "commands",
@@ -46,7 +47,7 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "results",
         "compatibility",
     ),
-    "Operating": ("operating", "scale", "monitoring", "cluster", "s3", "dask"),
+    "Operating": ("operating", "monitoring", "cluster", "s3", "dask"),
 }
 """Chapters of the manual in their order, by part: names of the files in `docs/`, without extension."""
 
