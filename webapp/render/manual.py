@@ -21,6 +21,7 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
     "Maps": (
         "make-a-map",
         "first-map",
+        "localize",
         "view",
         "dozen-clicks",
         "floors",
@@ -45,9 +46,8 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "errors",
         "results",
         "compatibility",
-        "operating",
-        "cluster",
     ),
+    "Operating": ("operating", "monitoring", "cluster", "s3", "dask"),
 }
 """Chapters of the manual in their order, by part: names of the files in `docs/`, without extension."""
 

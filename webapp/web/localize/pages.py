@@ -44,7 +44,7 @@ _SURE = 0.5
 
 
 @blueprint.get("/maps/<slug>/localize")
-@page(chapter="localization#in-the-browser", tab=Tab(_l("Localize"), "target", order=2))
+@page(chapter="localize#in-the-browser", tab=Tab(_l("Localize"), "target", order=2))
 def localize(slug: str) -> str:
     """Show the page for queries; `?query=ID` opens an earlier answer."""
     with reading_map(slug) as (session, record):

@@ -125,7 +125,7 @@ def _job_json(session: Session, job: Job) -> dict[str, Any]:
 
 
 @jobs_pages.get("/maps/<slug>/jobs")
-@page(chapter="operating#what-to-watch", tab=Tab(_l("Jobs"), "clock", order=6))
+@page(chapter="make-a-map#4-check", tab=Tab(_l("Jobs"), "clock", order=6))
 def show_jobs(slug: str) -> str:
     """Show the jobs of a map; the page fetches and updates the list by the API."""
     record = open_map(slug)
