@@ -186,7 +186,7 @@ def _opened_again(source: str, error: InputError) -> Link:
 
 def _names(given: Sequence[str]) -> dict[int, str]:
     """Parse `ID=NAME`. Raises UsageError."""
-    found = {}
+    found: dict[int, str] = {}
     for text in given:
         number, _, name = text.partition("=")
         if not (number.isdecimal() and 0 < int(number) < 256 and 0 < len(name) <= 200 and name.isprintable()):

@@ -169,7 +169,7 @@ class _SerialLink(Link):
         except OSError as error:
             raise self.failure(error) from error
         try:
-            tty.setraw(self._port)
+            tty.setraw(self._port.fileno())
             settings = termios.tcgetattr(self._port)
             settings[2] = (settings[2] | termios.CLOCAL | termios.CREAD) & ~termios.CRTSCTS
             settings[4] = settings[5] = speed

@@ -83,7 +83,8 @@ class _Link:
         if expected and now.monotonic_s - self.percent.at_s >= _REPORT_S:
             self.percent = _Known(100.0 * self.received / expected, now.monotonic_s)
             self.received = self.lost = 0
-        return _fresh_value(self.percent, now)
+        measured: float | None = _fresh_value(self.percent, now)
+        return measured
 
 
 class _Text(NamedTuple):
