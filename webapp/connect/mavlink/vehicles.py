@@ -248,7 +248,7 @@ class Vehicles:
             vehicle.is_several = True
             self._note(
                 f"{vehicle.name}: two vehicles have the same system id: set another one "
-                "(MAV_SYS_ID; SYSID_THISMAV of ArduPilot before 4.7)"
+                "(MAV_SYS_ID of PX4, MAV_SYSID or SYSID_THISMAV of ArduPilot)"
             )
 
     def _fix(self, vehicle: _Vehicle, packet: Packet, *, now: Moment) -> Iterator[dict[str, Any]]:
