@@ -1,10 +1,12 @@
-"""Simulates many robots that send poses at once, while a page follows one of them.
+"""Simulates many robots and phones that send poses at once, while a page follows one mission.
 
-    python -m benchmarks.robots_load [--robots 50] [--seconds 120] [--hertz 10] [--beat 1.0] [--json FILE]
+    python -m benchmarks.robots_load [--robots 50] [--phones 0] [--seconds 120] [--hertz 10] [--beat 1.0]
+                                     [--json FILE]
 
 Checks that each pose is stored exactly once. Starts the program with a temporary library. Every robot has its
 own mission and makes poses at a constant rate; each beat it sends all unacknowledged ones as a batch, like
-the robots' client. Prints poses that are lost, stored twice or out of order; seconds from an acknowledged
+the robots' client. Phones send a position a second by their links, like the page for phones, all to the
+mission that is followed. Prints poses lost, stored twice or out of order; seconds from an acknowledged
 request to its acknowledgement; batches deferred because the server was busy; the memory of all processes of
 the server together (proportional set size: shared pages count once), before, at the peak and at the end; the
 processor time of the server and of the robots themselves, in cores; and the delay in seconds from the time of
@@ -32,7 +34,7 @@ import requests
 
 from benchmarks.memory import as_text, family, memory_mb
 from tests.browser.app import App
-from webapp.missions.store import missions, tracks
+from webapp.missions.store import missions, phones, tracks
 from webapp.store.accounts import accounts
 from webapp.store.library import Library, open_library
 from webapp.store.maps import maps
@@ -53,6 +55,7 @@ class Robot:
     mission: int
     made: list[float] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
+    track = ""
     refused: int = 0
     cuts: list[str] = field(default_factory=list)
     errors: list[str] = field(default_factory=list)
@@ -80,15 +83,14 @@ class Robot:
 
     def _send(self, server: http.client.HTTPConnection, first: int, last: int) -> float:
         """Send some poses; return the seconds to wait before sending them again, 0 if they are stored."""
-        records = [
-            {"type": "pose", "time": time_s, "lat": 50 + n * _STEP_DEGREES, "lon": 14.0, "heading_deg": 0.0}
+        places = [
+            {"time": time_s, "lat": 50 + n * _STEP_DEGREES, "lon": 14.0}
             for n, time_s in enumerate(self.made[first:last], first)
         ]
-        given = json.dumps({"sender": "robot", "first": first, "records": records})
-        headers = {"Authorization": f"Bearer {self.token}", "Content-Type": "application/json"}
+        path, given, headers = self._request(first, places)
         started = time.perf_counter()
         try:
-            server.request("POST", f"/api/v1/missions/{self.mission}/batches", given, headers)
+            server.request("POST", path, json.dumps(given), {"Content-Type": "application/json", **headers})
             answer = server.getresponse()
             text = answer.read()
         except (OSError, http.client.HTTPException) as error:
@@ -104,6 +106,28 @@ class Robot:
         self.errors.append(f"{answer.status} {text[:200]!r}")
         return 1.0
 
+    def _request(
+        self, first: int, places: list[dict[str, float]]
+    ) -> tuple[str, dict[str, Any], dict[str, str]]:
+        """Return path, body and headers of a batch."""
+        records = [{"type": "pose", "heading_deg": 0.0, **place} for place in places]
+        given = {"sender": "robot", "first": first, "records": records}
+        return f"/api/v1/missions/{self.mission}/batches", given, {"Authorization": f"Bearer {self.token}"}
+
+
+@dataclass
+class Phone(Robot):
+    """A phone, which sends its positions by a link instead of a token."""
+
+    track: str = field(kw_only=True)
+
+    def _request(
+        self, first: int, places: list[dict[str, float]]
+    ) -> tuple[str, dict[str, Any], dict[str, str]]:
+        positions = [{**place, "accuracy_m": 8.0} for place in places]
+        given = {"sender": "a phone's page", "first": first, "positions": positions}
+        return f"/api/v1/phones/{self.token}/positions", given, {}
+
 
 @dataclass
 class Follower:
@@ -112,8 +136,8 @@ class Follower:
     url: str
     token: str
     mission: int
-    heard: dict[int, float] = field(default_factory=dict)
-    """Delay in seconds, by the number of the pose."""
+    heard: dict[tuple[int, int], float] = field(default_factory=dict)
+    """Delay in seconds, by the track and the number of the pose."""
     streams: int = 0
 
     def work(self, over: threading.Event) -> None:
@@ -136,22 +160,24 @@ class Follower:
         now = time.time()
         for track in data["tracks"]:
             for number, time_s, *_ in track["new"]:
-                self.heard.setdefault(number, now - time_s)
+                self.heard.setdefault((track["id"], number), now - time_s)
 
 
 def main() -> None:
     """Run the load and print one JSON object; exit with 1 if there were problems."""
     arguments = _arguments()
     with tempfile.TemporaryDirectory() as folder:
-        token, ids = _make_library(Path(folder) / "maps", arguments.robots)
+        token, ids, links = _make_library(Path(folder) / "maps", arguments)
         with App(Path(folder) / "maps") as app:
             robots = [Robot(app.url, token, id) for id in ids]
+            robots += [Phone(app.url, link, ids[0], track=name) for name, link in links.items()]
             follower = Follower(app.url, token, ids[0])
             used = _work(robots, follower, arguments, pid=app.pid)
         library = open_library(Path(folder) / "maps")
         problems = [problem for robot in robots for problem in stored_problems(library, robot)]
         library.database.close()
-    missed = len(robots[0].made) - len(follower.heard)
+    followed = sum(len(robot.made) for robot in robots if robot.mission == ids[0])
+    missed = followed - len(follower.heard)
     if missed:
         problems.append(f"the follower has not heard of {missed} poses")
     figures = {**_figures(robots, follower), **used, "problems": problems}
@@ -164,6 +190,7 @@ def main() -> None:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--robots", type=int, default=50)
+    parser.add_argument("--phones", type=int, default=0)
     parser.add_argument("--seconds", type=float, default=120)
     parser.add_argument("--hertz", type=float, default=10, help="poses a second of each robot")
     parser.add_argument("--beat", type=float, default=1.0, help="seconds between two batches of a robot")
@@ -171,16 +198,23 @@ def _arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _make_library(folder: Path, robots: int) -> tuple[str, list[int]]:
-    """Make a library with a token, missions, and a map, which prevents the sample map at the start."""
+def _make_library(folder: Path, arguments: argparse.Namespace) -> tuple[str, list[int], dict[str, str]]:
+    """Make a library with a token, missions, and a map, which prevents the sample map at the start.
+
+    Returns:
+        The token, the numbers of the missions, and the tokens of the links of phones by their names.
+    """
     library = open_library(folder)
     with library.database.write() as session:
         owner = accounts.ensure_owner(session)
         maps.create(session, "Another", account_id=owner.id)
         token = accounts.new_token(session, owner, name="robots")
-        ids = [missions.create(session, f"Robot {n}", account_id=owner.id).id for n in range(robots)]
+        made = [missions.create(session, f"Robot {n}", account_id=owner.id) for n in range(arguments.robots)]
+        names = [f"Phone {n}" for n in range(arguments.phones)]
+        links = {name: phones.create(session, made[0], name=name, account_id=owner.id)[1] for name in names}
+        ids = [mission.id for mission in made]
     library.database.close()
-    return token, ids
+    return token, ids, links
 
 
 def _work(
@@ -192,11 +226,12 @@ def _work(
     over = threading.Event()
     following = threading.Thread(target=follower.work, args=(over,))
     begin = time.time() + 1.0
-    threads = [
+    of_phones = argparse.Namespace(**{**vars(arguments), "hertz": 1.0, "beat": 1.0})
+    threads = []
+    for n, robot in enumerate(robots):
+        pace = of_phones if isinstance(robot, Phone) else arguments
         # real robots are not synchronised, so the beats are spread
-        threading.Thread(target=robot.work, args=(begin + arguments.beat * n / len(robots), arguments))
-        for n, robot in enumerate(robots)
-    ]
+        threads.append(threading.Thread(target=robot.work, args=(begin + pace.beat * n / len(robots), pace)))
     for thread in (following, *threads):
         thread.start()
     while any(thread.is_alive() for thread in threads):
@@ -236,7 +271,7 @@ def _processor_s(pid: int) -> float:
 def stored_problems(library: Library, robot: Robot) -> list[str]:
     """Compare the poses that a robot has made with those stored."""
     with library.database.read() as session:
-        found = tracks.list_tracks(session, robot.mission)
+        found = [track for track in tracks.list_tracks(session, robot.mission) if track.name == robot.track]
         times = [tracks.read(session, track).times_s for track in found]
         counted = [track.poses for track in found]
     stored = np.concatenate([np.empty(0), *times])
@@ -247,15 +282,19 @@ def stored_problems(library: Library, robot: Robot) -> list[str]:
 
 
 def _figures(robots: list[Robot], follower: Follower) -> dict[str, Any]:
+    phones_ = [robot for robot in robots if isinstance(robot, Phone)]
     acknowledged = np.array([second for robot in robots for second in robot.seconds])
+    of_phones = np.array([second for phone in phones_ for second in phone.seconds])
     late = np.array(list(follower.heard.values()) or [np.nan])
     return {
-        "robots": len(robots),
+        "robots": len(robots) - len(phones_),
+        "phones": len(phones_),
         "poses": sum(len(robot.made) for robot in robots),
         "batches": len(acknowledged),
         "batches_put_off": sum(robot.refused for robot in robots),
         "connections_lost": sum(len(robot.cuts) for robot in robots),
         "acknowledged_s": _quantiles(acknowledged),
+        **({"acknowledged_phones_s": _quantiles(of_phones)} if phones_ else {}),
         "follower_late_s": _quantiles(late),
         "follower_streams": follower.streams,
     }

@@ -80,7 +80,7 @@ def allowed(subpackage, layer):
     if layer == "app":
         return None
     if subpackage == "connect":
-        below = reachable("cli") | reachable("web") | COMMON
+        below = reachable("cli") | reachable("web") | COMMON | {"robot"}
         return {("connect", ""), ("connect", layer)} | {(p, n) for n in below for p in ("", "missions")}
     if layer in ALONE:
         return {("", name) for name in ALONE[layer]}

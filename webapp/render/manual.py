@@ -37,7 +37,7 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "field",
     ),
     "Localization": ("localization", "features", "large-maps", "scale", "measurements", "notation"),
-    "Robots": ("missions", "robots", "ros", "foxglove", "tak", "fusion", "mission-exports"),
+    "Robots": ("missions", "robots", "mavlink", "ros", "foxglove", "tak", "fusion", "mission-exports"),
     "Reference": (
         "commands",
         "python",

@@ -27,7 +27,7 @@ _PATIENCE_S = 60.0
 
 Command = Callable[..., Any]
 
-_MISSION_OPTIONS = [
+_TARGET_OPTIONS = [
     click.option(
         "--url", metavar="URL", help=f"Address of the server.  [default: that of the spool, or {_URL}]"
     ),
@@ -36,12 +36,12 @@ _MISSION_OPTIONS = [
     ),
     click.option("--new", metavar="NAME", help="Make a new mission of that name, if the spool is new."),
     click.option("--map", "map_slug", metavar="SLUG", help="Put the new mission on that map."),
-    click.option(
-        "--start",
-        metavar="LAT,LON,HEADING",
-        help="Where the robot started, in degrees: for poses in its own frame.",
-    ),
 ]
+_start_option = click.option(
+    "--start",
+    metavar="LAT,LON,HEADING",
+    help="Where the robot started, in degrees: for poses in its own frame.",
+)
 min_move_option = click.option(
     "--min-move",
     default="0.00001deg",
@@ -59,11 +59,16 @@ def token_option(command: Command) -> Command:
     )(command)
 
 
-def mission_options(command: Command) -> Command:
+def target_options(command: Command) -> Command:
     """Add the options for the server and the mission."""
-    for option in reversed(_MISSION_OPTIONS):
+    for option in reversed(_TARGET_OPTIONS):
         command = option(command)
     return token_option(command)
+
+
+def mission_options(command: Command) -> Command:
+    """Add the options for the server, the mission and its start."""
+    return target_options(_start_option(command))
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +97,7 @@ def find_target(spool: Path, chosen: dict[str, Any]) -> Target:
     """Find the target of a spool; for a new spool, create the mission if requested.
 
     Args:
-        chosen: The options of `mission_options`.
+        chosen: The options of `mission_options` or `target_options`.
 
     Raises:
         UsageError: The spool is new, and not exactly one of `--mission` and `--new` is given.
@@ -107,7 +112,7 @@ def find_target(spool: Path, chosen: dict[str, Any]) -> Target:
     if (mission is None) == (new is None):
         raise UsageError("a new spool needs a mission", hint="give either --mission N or --new NAME")
     if mission is None:
-        fields = {"name": new, "map": chosen["map_slug"], "start": parse_start(chosen["start"])}
+        fields = {"name": new, "map": chosen["map_slug"], "start": parse_start(chosen.get("start"))}
         mission = make_mission(url, token, fields={key: value for key, value in fields.items() if value})
     return Target(url, token, mission)
 

@@ -4,6 +4,7 @@ import math
 import random
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from webapp.errors import TrackError
@@ -221,6 +222,68 @@ def test_frames_of_a_topic_of_poses_are_tracks_too(ros, tmp_path) -> None:
     ]
     pieces, _ = read(m.bag(tmp_path / "f.bag", messages), ".bag")
     assert [(piece.track, len(piece.poses)) for piece in pieces] == [("/pose", 3), ("/pose odom", 3)]
+
+
+@KINDS
+def test_objects_get_from_any_frame_to_one_with_poses(ros, tmp_path, ros1, mcap, suffix) -> None:
+    m = ros(ros1)
+    quarter = np.pi / 2
+    seen = [("a", "car", 1.0, m.pose(2.0, 0.0, 0.5))]
+    messages = [
+        ("/seen", 99.0, m.detections(99.0, seen, "camera")),
+        ("/odom", 100.0, m.odometry(100.0, m.pose(1.0))),
+        ("/tf", 100.1, m.transforms([(100.1, "base_link", "mast", m.pose(0.0, 0.0, 1.0))])),
+        ("/seen", 100.2, m.detections(100.2, seen, "/camera")),
+        ("/tf", 100.3, m.transforms([(100.3, "base_link", "mast", m.pose(0.0, 0.0, 1.0, yaw=quarter))])),
+        ("/seen", 100.4, m.detections(100.4, seen, "camera")),
+        ("/marks", 100.5, m.markers(100.5, [("door", 1, 0, m.pose(7.0))], "unknown")),
+        ("/marks", 100.6, m.markers(100.6, [("door", 2, 0, m.pose(7.0))], "circle")),
+        ("/tf_static", 101.0, m.transforms([
+            (0.0, "mast", "camera", m.pose(0.1, 0.0, 0.2)),
+            (0.0, "other", "circle", m.pose(1.0)),
+            (0.0, "circle", "other", m.pose(1.0)),
+        ])),
+    ]  # fmt: skip
+    path = m.bag(tmp_path / f"tree{suffix if ros1 else ''}", messages, mcap=mcap)
+    early, _, first, turned, unknown, circle = read(path, suffix)[0]
+    assert (early.frame, early.sightings[0].xyz_m) == ("camera", (2.0, 0.0, 0.5)), "no pose was known"
+    assert (first.frame, turned.frame) == ("base_link", "base_link")
+    assert first.sightings[0].xyz_m == pytest.approx((2.1, 0.0, 1.7))
+    assert turned.sightings[0].xyz_m == pytest.approx((0.0, 2.1, 1.7))
+    assert first.sightings[0].size_m == (1.0, 1.0, 1.0)
+    assert (unknown.frame, circle.frame) == ("unknown", "circle")
+
+
+def test_objects_on_the_map_get_into_the_frame_of_odometry(ros, tmp_path) -> None:
+    m = ros(False)
+    messages = [
+        ("/odom", 100.0, m.odometry(100.0, m.pose(1.0))),
+        ("/tf", 100.1, m.transforms([(100.1, "map", "odom", m.pose(5.0, 1.0, yaw=np.pi / 2))])),
+        ("/tf", 100.1, m.transforms([(100.1, "odom", "base_link", m.pose(1.0))])),
+        ("/marks", 100.2, m.markers(100.2, [("door", 1, 0, m.pose(5.0, 3.0))], "map")),
+    ]
+    (_, door), _ = read(m.bag(tmp_path / "map", messages, mcap=True), ".mcap")
+    assert (door.frame, door.sightings[0].xyz_m) == ("odom", pytest.approx((2.0, 0.0, 0.0)))
+
+
+def test_transforms_that_are_none_are_not_taken(ros, tmp_path) -> None:
+    m = ros(True)
+    nowhere = m.pose(math.nan)
+    unturned = m.make("geometry_msgs/msg/Pose", m.pose(1.0).position, m.make(
+        "geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 0.0
+    ))  # fmt: skip
+    messages = [
+        ("/odom", 100.0, m.odometry(100.0, m.pose(1.0))),
+        (
+            "/tf",
+            100.1,
+            m.transforms([(100.1, "base_link", "a", nowhere), (100.1, "base_link", "b", unturned)]),
+        ),
+        ("/seen", 100.2, m.detections(100.2, [("a", "car", 1.0, m.pose(2.0))], "a")),
+        ("/seen", 100.3, m.detections(100.3, [("b", "car", 1.0, m.pose(2.0))], "b")),
+    ]
+    pieces, _ = read(m.bag(tmp_path / "n.bag", messages), ".bag")
+    assert [piece.frame for piece in pieces[1:]] == ["a", "b"]
 
 
 PLANS = [

@@ -7,6 +7,7 @@ and 2, each after the time at which it was received. Read are the positions of r
 
 from __future__ import annotations
 
+import binascii
 import math
 import struct
 from collections.abc import Iterator
@@ -41,6 +42,9 @@ _RAW_BODY = struct.Struct("<Qiii4HBB")
 _UNKNOWN = 65_535
 _YEARS_US = (1_100_000_000_000_000, 4_100_000_000_000_000)
 """2004 and 2099: times of telemetry logs."""
+
+_REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+"""Bytes with their bits in reverse: the checksum takes the last bit first, `binascii` the first."""
 
 BROKEN = "bytes that are no message"
 INVALID = "fixes marked invalid by the receiver"
@@ -194,12 +198,8 @@ def packet_size(data: bytes, at: int) -> int | None:
 
 def checksum(data: bytes, extra: int) -> bytes:
     """Compute the checksum of a packet: CRC-16/MCRF4XX, over the packet and a byte of the message's kind."""
-    value = 0xFFFF
-    for byte in (*data, extra):
-        low = (byte ^ value) & 0xFF
-        low = (low ^ (low << 4)) & 0xFF
-        value = ((value >> 8) ^ (low << 8) ^ (low << 3) ^ (low >> 4)) & 0xFFFF
-    return value.to_bytes(2, "little")
+    value = binascii.crc_hqx((data + bytes([extra])).translate(_REVERSED), 0xFFFF)
+    return value.to_bytes(2, "big").translate(_REVERSED)
 
 
 def _is_telemetry(beginning: Beginning) -> bool:

@@ -2,7 +2,8 @@
 
 Each topic with poses is a track; objects come from detections and markers. Transforms to the robot are read
 as a track only if no other topic has poses in the robot's frame, or if requested. Topics of other types are
-left out. Frames are identified by name (`header.frame_id`, `child_frame_id`); transforms are not chained.
+left out. Frames are identified by name (`header.frame_id`, `child_frame_id`); objects in one without poses,
+such as a camera's, get into one that has some, by the chain of transforms.
 
 Definitions of messages come from the bag itself and can differ: the fields of `vision_msgs` have changed
 between versions, so they are looked up by name.
@@ -26,6 +27,7 @@ from webapp.files.exchange.tum import yaw_of
 from webapp.missions.core.trajectory.planned import is_planned
 from webapp.missions.core.trajectory.records import make_poses
 from webapp.missions.core.trajectory.robotframe import LocalPoses
+from webapp.missions.files.readers.bag_frames import FrameTree, in_known_frame
 from webapp.missions.files.readers.bag_limits import (
     Stamp,
     TopicClock,
@@ -88,9 +90,7 @@ class _RosPose:
 
 @dataclass(frozen=True, slots=True)
 class _DetectedObject:
-    """A detected object, and the name of the frame of its position."""
-
-    frame: str
+    frame: str  # Of its position
     sighting: LocalSighting
 
 
@@ -285,15 +285,21 @@ def read(path: Path, *, suffix: str, wanted: Collection[str] = (), findings: Fin
         several = _several(bag, chosen)
         clocks = _clocks(bag, chosen, findings=findings)
         logs: dict[str, _Log] = {}
-        for topic, kind, at_ns, message in _messages(bag, chosen):
+        tree, others = _frame_tree(bag, chosen)
+        for topic, kind, at_ns, message in _messages(bag, [*chosen, *others]):
             at_s = at_ns * 1e-9
+            if kind == _TRANSFORMS:
+                with _reading():
+                    tree.add(message)
             if kind in _OBJECTS:
                 for log in logs.values():  # first the poses from which the objects were seen
                     yield from log.pieces()
-                yield from _objects(message, kind, at_s, clock=clocks[topic], findings=findings)
-                continue
-            log = logs.setdefault(topic, _Log(topic, kind, clocks[topic], topic in several))
-            yield from log.add(message, at_s, findings=findings)
+                known = {name for log in logs.values() for pair in log.pairs for name in pair if name}
+                for piece in _objects(message, kind, at_s, clock=clocks[topic], findings=findings):
+                    yield in_known_frame(piece, tree, known=known)
+            elif topic in clocks:
+                log = logs.setdefault(topic, _Log(topic, kind, clocks[topic], topic in several))
+                yield from log.add(message, at_s, findings=findings)
         for log in logs.values():
             yield from log.pieces()
 
@@ -358,7 +364,6 @@ class _Log:
     def piece(self, pair: Pair) -> Piece:
         rows = self.pairs[pair]
         table = np.array([row.values for row in rows])
-        frame, body = rows[0].frame, rows[0].body
         self.pairs[pair] = []
         times, place, yaw, covariance = table[:, 0], table[:, 1:4], table[:, 4], table[:, 5:8]
         if self.kind == _WORLD:
@@ -366,7 +371,20 @@ class _Log:
             return WorldPiece(self.topic, "gps", poses)
         is_first = not self.several and pair == next(iter(self.pairs))
         track = self.topic if is_first else " ".join(filter(None, (self.topic, *pair)))
-        return RobotPiece(track, "odometry", frame, body, LocalPoses(times, place, yaw, covariance))
+        return RobotPiece(track, "odometry", *pair, LocalPoses(times, place, yaw, covariance))
+
+
+def _frame_tree(bag: AnyReader, chosen: list[Connection]) -> tuple[FrameTree, list[Connection]]:
+    """Return the transforms that hold all the time, and topics of others that only objects need."""
+    tree = FrameTree()
+    if not any(one.msgtype in _OBJECTS for one in chosen):
+        return tree, []
+    found = [one for one in bag.connections if one.msgtype == _TRANSFORMS]
+    static = [one for one in found if one.topic.endswith("tf_static")]  # also before they were recorded
+    for _, _, _, message in _messages(bag, static) if static else ():
+        with _reading():
+            tree.add(message)
+    return tree, [one for one in found if one not in chosen and one not in static]
 
 
 def _several(bag: AnyReader, chosen: list[Connection]) -> set[str]:
@@ -405,7 +423,7 @@ def _stamps(message: Any, kind: str, at_s: float) -> dict[Pair, float]:
 
 def _objects(
     message: Any, kind: str, at_s: float, *, clock: TopicClock, findings: Findings
-) -> Iterator[Piece]:
+) -> Iterator[RobotObjects]:
     topic = clock.topic
     with _reading():
         seen = [_timed(one, at_s, clock=clock, findings=findings) for one in _OBJECTS[kind](message, at_s)]
@@ -414,7 +432,7 @@ def _objects(
         if not all(map(math.isfinite, (one.sighting.time_s, *one.sighting.xyz_m))):
             findings.skip("objects with a time or a position that is not a number", where=topic)
         else:
-            by_frame.setdefault(one.frame, []).append(one.sighting)
+            by_frame.setdefault(one.frame.strip("/"), []).append(one.sighting)
     for frame, sightings in by_frame.items():
         yield RobotObjects(frame, tuple(sightings))
 
@@ -517,7 +535,6 @@ def _called(path: Path, suffix: str) -> Path:
     """Return the path with its `suffix` overridden, since the library infers the format from it."""
     if path.suffix == suffix or not suffix:
         return path
-
     named: Path = type("Named", (type(path),), {"suffix": suffix})(path)
     return named
 
