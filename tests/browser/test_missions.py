@@ -157,6 +157,8 @@ def test_the_legend_on_a_phone_is_whole(open_context, owner, mission, send):
     page = open_context(storage_state=owner, **PHONE).new_page()
     page.goto(f"/missions/{mission}")
     legend = by_id(page, "legend")
+    expect(legend).to_be_hidden()
+    by_id(page, "legend-toggle").tap()
     expect(legend).to_contain_text("Visual fixes")
     assert legend.evaluate("one => one.parentElement.scrollWidth - one.parentElement.clientWidth") <= 0
     offer = page.locator("#ground-offer")
@@ -213,7 +215,7 @@ def test_a_track_is_named_and_coloured_for_all_from_the_legend(open_context, own
     by_id(page, "track-shown").uncheck()
     by_id(page, "track-look-save").click()
     expect(by_id(visitor, "legend")).not_to_contain_text("Odometry")
-    visitor.get_by_label("Odometry").check()
+    visitor.get_by_role("checkbox", name="Odometry").check()
     expect(by_id(visitor, "legend")).to_contain_text("Odometry")
     page.get_by_role("button", name="Undo").last.click()
     expect(legend).to_contain_text("Odometry")

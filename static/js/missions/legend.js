@@ -9,6 +9,7 @@ import { lookButton } from "./track-look.js";
 
 const MOST_TRACKS = 12;
 const MOST_KINDS = 12;
+const SMALL = "(max-width: 47.99rem)";
 
 /**
  * Keep the legend up to date.
@@ -51,6 +52,7 @@ function toggle(box) {
     box.hidden = !open;
   };
   button.addEventListener("click", () => show(box.hidden));
+  show(!matchMedia(SMALL).matches);
 }
 
 function tracks(store, lines) {

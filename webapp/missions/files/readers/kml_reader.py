@@ -109,7 +109,7 @@ def read(
             continue
         found.marks += 1
         title, data = " ".join(child_text(element, "name").split()), _data(element)
-        source = next((known for known in SOURCES if known == data.get("source")), "gps")
+        source: Source = next((known for known in SOURCES if known == data.get("source")), "gps")
         mark = _Placemark(found.marks, title, _time(element), source, *found.styles.of(element))
         if _draw(element, mark, data, findings=findings):
             continue
