@@ -10,7 +10,7 @@ from playwright.sync_api import expect
 
 from tests.browser import axe
 from tests.browser.conftest import WORK_MS
-from tests.browser.drawn import DRAWN
+from tests.browser.drawn import DRAWN, OF_COLOUR
 
 PHONE = {
     "viewport": {"width": 390, "height": 844},
@@ -157,6 +157,8 @@ def test_the_legend_on_a_phone_is_whole(open_context, owner, mission, send):
     page = open_context(storage_state=owner, **PHONE).new_page()
     page.goto(f"/missions/{mission}")
     legend = by_id(page, "legend")
+    expect(legend).to_be_hidden()
+    by_id(page, "legend-toggle").tap()
     expect(legend).to_contain_text("Visual fixes")
     assert legend.evaluate("one => one.parentElement.scrollWidth - one.parentElement.clientWidth") <= 0
     offer = page.locator("#ground-offer")
@@ -178,6 +180,51 @@ def test_colours_have_a_legend(page, mission, send):
     by_id(page, "track").filter(has_text="Odometry").get_by_role("checkbox").uncheck()
     by_id(page, "colour-by").select_option("source")
     expect(legend).not_to_contain_text("Odometry")
+
+
+def pixels_of(page, colour):
+    """Count the pixels of the map that have a colour, `#rrggbb`."""
+    return page.evaluate(OF_COLOUR, colour)
+
+
+def test_a_track_is_named_and_coloured_for_all_from_the_legend(open_context, owner, page, api, mission, send):
+    send(*(pose(n) for n in range(60)), *(pose(n, source="odometry") for n in range(20)), seen(FIRST))
+    share = api.ask("POST", f"/missions/{mission}/shares", data={})
+    page.goto(f"/missions/{mission}")
+    visitor = open_context().new_page()
+    visitor.goto(share["url"])
+    legend = by_id(page, "legend")
+    expect(legend).to_contain_text("car")
+    expect(by_id(visitor, "legend")).to_contain_text("Odometry")
+    expect(by_id(visitor, "track-look")).to_have_count(0)
+    settled_pixels(page)
+    assert pixels_of(page, "#d55e00") == 0
+
+    legend.get_by_role("button", name="Name and colour of GPS").click()
+    by_id(page, "track-title").fill("Team 2")
+    page.get_by_text("Vermilion", exact=True).locator("xpath=..").click()
+    by_id(page, "track-width").fill("8")
+    by_id(page, "track-look-save").click()
+    expect(legend).to_contain_text("Team 2")
+    expect(by_id(page, "track").first).to_contain_text("Team 2")
+    expect(legend.get_by_role("button", name="Name and colour of Team 2")).to_be_focused()
+    wait_for_pixels(page, lambda _: pixels_of(page, "#d55e00") > 300)
+    expect(by_id(visitor, "legend")).to_contain_text("Team 2")
+
+    legend.get_by_role("button", name="Name and colour of Odometry").click()
+    by_id(page, "track-shown").uncheck()
+    by_id(page, "track-look-save").click()
+    expect(by_id(visitor, "legend")).not_to_contain_text("Odometry")
+    visitor.get_by_role("checkbox", name="Odometry").check()
+    expect(by_id(visitor, "legend")).to_contain_text("Odometry")
+    page.get_by_role("button", name="Undo").last.click()
+    expect(legend).to_contain_text("Odometry")
+
+    by_id(page, "track").first.get_by_role("button", name="Name and colour of Team 2").click()
+    page.get_by_role("button", name="Reset").click()
+    expect(legend).not_to_contain_text("Team 2")
+    wait_for_pixels(page, lambda _: pixels_of(page, "#d55e00") == 0)
+    expect(by_id(visitor, "legend")).not_to_contain_text("Team 2")
 
 
 def test_objects_are_filtered_sorted_and_looked_at(page, mission, send):

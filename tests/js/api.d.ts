@@ -2784,6 +2784,29 @@ export interface components {
             source: "gps" | "odometry" | "visual" | "fused" | "manual";
             track: string;
         };
+        TrackLookChange: {
+            /** @description `#rrggbb` in lower case; null: that of its source. */
+            colour?: string | null;
+            /** @description true: pages show it only once it is ticked. */
+            hidden?: boolean;
+            /**
+             * @description Name to show; empty: by its source and name.
+             * @example Team 2
+             */
+            title?: string;
+            /** @description Of the line; null: the usual one. */
+            width_px?: number | null;
+        };
+        TrackLookOut: {
+            /** @description `#rrggbb`; null: that of its source. */
+            colour?: string | null;
+            /** @description Pages show it only once it is ticked. */
+            hidden?: boolean;
+            /** @description Empty: it is called by its source and name. */
+            title?: string;
+            /** @description null: 3.5. */
+            width_px?: number | null;
+        };
         TrackOut: {
             /** @description South, west, north, east. */
             bounds?: number[] | null;
@@ -2795,6 +2818,8 @@ export interface components {
             id?: number;
             last?: components["schemas"]["LastOut"] | null;
             last_time_s?: number | null;
+            look?: components["schemas"]["TrackLookOut"];
+            /** @description Given by its sender; distinguishes tracks of one source. */
             name?: string;
             poses?: number;
             /** @description Poses that thinning removed. */

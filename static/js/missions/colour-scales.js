@@ -1,4 +1,4 @@
-/** Colours of tracks: by source, mission, time or speed; safe for colour blindness. */
+/** Colours of tracks: those that people set, by source, mission, time or speed; safe for colour blindness. */
 
 const SOURCES = { gps: "#0072b2", odometry: "#e69f00", visual: "#cc79a7", fused: "#009e73", manual: "#56b4e9" };
 const OTHERS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442"];
@@ -15,6 +15,19 @@ export const sourceColour = (source) => SOURCES[source] || "#999999";
 
 /** Colour of the n-th item. */
 export const nthColour = (n) => OTHERS[n % OTHERS.length];
+
+/** Width of a line unless another is set, pixels. */
+export const WIDTH_PX = 3.5;
+
+/**
+ * Colour of a track where it is one colour: that of its mission if so chosen, else its own.
+ * @param {import("./mission-store.js").MissionStore} store
+ * @param {{mission: Object, track: Object}} shown
+ */
+export function trackColour(store, { mission, track }) {
+  if (store.mode === "mission") return nthColour([...store.missions.keys()].indexOf(mission.id));
+  return track.look?.colour ?? sourceColour(track.source);
+}
 
 /** Step of the scale for a value. */
 export function stepOf(value, [low, high]) {

@@ -1,7 +1,7 @@
 /** Marks over tracks and objects: uncertainty of visual fixes and last positions, gap of closed tracks, positions of robots. */
 
 import { t } from "../shared/i18n.js";
-import { sourceColour } from "./colour-scales.js";
+import { sourceColour, trackColour } from "./colour-scales.js";
 import { WITHIN_68 } from "./fixes.js";
 import { lengthText, percentText } from "./format.js";
 
@@ -25,8 +25,9 @@ export function drawMarks(pen, frame, { store, lines, hover }) {
   const labelled = new Map(moving.toReversed().map(({ mission, key }) => [mission.id, key]));
   for (const { mission, track, key } of moving.toReversed()) {
     const at = store.moment === null ? newest(frame, track, lines.best(key)) : lines.at(key, store.timeIn(mission));
-    if (at?.covariance) drawEllipse(pen, frame, at, sourceColour(track.source));
-    if (at) drawRobot(pen, frame, at, { colour: sourceColour(track.source), label: several && labelled.get(mission.id) === key ? mission.name : "" });
+    const colour = trackColour(store, { mission, track });
+    if (at?.covariance) drawEllipse(pen, frame, at, colour);
+    if (at) drawRobot(pen, frame, at, { colour, label: several && labelled.get(mission.id) === key ? mission.name : "" });
     const pointed = hover === null ? null : lines.at(key, store.timeIn(mission, hover));
     if (pointed) drawPointed(pen, frame, pointed);
   }

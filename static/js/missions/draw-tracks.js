@@ -1,9 +1,8 @@
 /** Tracks as coloured lines with arrows of direction; the part after the chosen moment is faint. */
 
-import { nthColour, SCALE, sourceColour, stepOf, STEPS } from "./colour-scales.js";
+import { SCALE, stepOf, STEPS, trackColour, WIDTH_PX } from "./colour-scales.js";
 
-const LINE = 3.5;
-const RIM = 6.5;
+const RIM = 3;
 const ARROW_EVERY = 110;
 const ARROW_CELL = 64;
 const ARROW = 5;
@@ -16,7 +15,6 @@ const SPARSE = new Set(["visual", "manual"]);
  * @param {import("./scene.js").Scene} scene
  */
 export function drawTracks(pen, frame, { store, lines }) {
-  const missions = [...store.missions.keys()];
   const drawn = [];
   pen.lineJoin = pen.lineCap = "round";
   for (const { mission, track, key } of store.shown.toReversed()) {
@@ -24,8 +22,9 @@ export function drawTracks(pen, frame, { store, lines }) {
     if (!line?.length) continue;
     const seen = onScreen(line, frame);
     const until = line.indexAt(track.timed ? store.timeIn(mission) : Infinity);
-    const own = store.mode === "mission" ? nthColour(missions.indexOf(mission.id)) : sourceColour(track.source);
-    const paint = { line, seen, until, own, sparse: SPARSE.has(track.source), range: track.timed ? rangeOf(store, lines, mission) : null };
+    const own = trackColour(store, { mission, track });
+    const width = track.look?.width_px ?? WIDTH_PX;
+    const paint = { line, seen, until, own, width, sparse: SPARSE.has(track.source), range: track.timed ? rangeOf(store, lines, mission) : null };
     drawLine(pen, frame, paint, store.mode);
     if (!paint.sparse) drawn.push(paint);
   }
@@ -58,7 +57,7 @@ function isSeen({ xs, ys }, n, { x, y }) {
 }
 
 function drawLine(pen, frame, paint, mode) {
-  const { line, seen, until, own, sparse } = paint;
+  const { line, seen, until, own, width, sparse } = paint;
   const [past, later] = [[], []];
   for (let n = 1; n < line.length; n += 1) if (!line.gaps.has(n) && isSeen(seen, n, frame.size)) (n <= until ? past : later).push(n);
   if (sparse) {
@@ -68,17 +67,17 @@ function drawLine(pen, frame, paint, mode) {
     return drawDots(pen, frame, paint);
   }
   pen.globalAlpha = LATER;
-  stroke(pen, seen, later, { width: LINE, colour: own });
+  stroke(pen, seen, later, { width, colour: own });
   pen.globalAlpha = 0.85;
-  stroke(pen, seen, past, { width: RIM, colour: frame.ink.rim });
+  stroke(pen, seen, past, { width: width + RIM, colour: frame.ink.rim });
   pen.globalAlpha = 1;
   if (paint.range) {
     const steps = Array.from({ length: STEPS }, () => []);
     const values = mode === "time" ? line.time : line.speed;
     for (const n of past) steps[stepOf(values[n] || 0, paint.range)].push(n);
-    steps.forEach((segments, step) => stroke(pen, seen, segments, { width: LINE, colour: SCALE[step] }));
+    steps.forEach((segments, step) => stroke(pen, seen, segments, { width, colour: SCALE[step] }));
   } else {
-    stroke(pen, seen, past, { width: LINE, colour: own });
+    stroke(pen, seen, past, { width, colour: own });
   }
 }
 
@@ -97,11 +96,11 @@ function stroke(pen, { xs, ys }, ends, { width, colour }) {
   pen.stroke();
 }
 
-function drawDots(pen, { size, ink }, { line, seen: { xs, ys }, until, own }) {
+function drawDots(pen, { size, ink }, { line, seen: { xs, ys }, until, own, width }) {
   for (let n = 0; n <= until && n < line.length; n += 1) {
     if (xs[n] < -9 || ys[n] < -9 || xs[n] > size.x + 9 || ys[n] > size.y + 9) continue;
     pen.beginPath();
-    pen.arc(xs[n], ys[n], 4.5, 0, 2 * Math.PI);
+    pen.arc(xs[n], ys[n], width + 1, 0, 2 * Math.PI);
     pen.fillStyle = own;
     pen.fill();
     pen.lineWidth = 1.5;

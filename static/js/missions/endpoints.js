@@ -42,6 +42,8 @@ export function endpointsOf(id) {
     deleteForever: () => del(`${base}?forever=true`),
     line: (track, wish, signal) => get(`${base}/tracks/${track}/line?${parameters(wish)}`, { signal }),
     profile: (track, points, signal) => get(`${base}/tracks/${track}/profile?points=${points}`, { signal }),
+    /** @param {number} track @param {Object} look fields of it, for all who look at the mission */
+    setLook: (track, look) => patch(`${base}/tracks/${track}`, look),
     objects: (wish, signal) => get(`${base}/objects?${parameters(wish)}`, { signal }),
     object: (object) => get(`${base}/objects/${encodeURIComponent(object)}`),
     setState: (object, change) => patch(`${base}/objects/${encodeURIComponent(object)}`, change),

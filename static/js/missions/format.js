@@ -62,7 +62,12 @@ export function sourceName(source) {
   return names[source] || source;
 }
 
-/** Name of a track. */
-export function trackName({ source, name }) {
+/** Name of a track unless people have set one. */
+export function usualName({ source, name }) {
   return name ? `${sourceName(source)} · ${name}` : sourceName(source);
+}
+
+/** Name of a track. */
+export function trackName(track) {
+  return track.look?.title || usualName(track);
 }

@@ -67,11 +67,11 @@ function begin() {
     else if (view.ground.bounds) view.map.fitBounds(view.ground.bounds, { animate: false });
   };
   connectGestures({ view, scene, store, player, fit: () => fit() });
+  showLegend(store, lines); // before the view is fitted beside it
   chooseGround(store, view, { services: page.services, maps: page.maps, fit });
   lines.load().catch(toastError);
   showTracks(store, { fit, forget: otherMissions(store, fit) });
   showRobots(store);
-  showLegend(store, lines);
   new Profile(store, scene, player);
   connectTabs(["tracks", "objects", "tasks", "areas", "photos"], (name) => (byId("mission").dataset.tab = name));
   byId("panel").inert = false; // inert until its listeners are attached

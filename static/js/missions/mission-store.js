@@ -17,7 +17,7 @@ export class MissionStore extends EventTarget {
     super();
     this.id = id;
     this.missions = new Map();
-    this.hidden = new Set();
+    this.ticked = new Map(); // tracks that are shown or hidden here, whatever is set for all
     this.mode = "source";
     this.moment = null;
     this.objects = new Map();
@@ -60,7 +60,12 @@ export class MissionStore extends EventTarget {
 
   /** The tracks that are shown. */
   get shown() {
-    return this.tracks.filter(({ key }) => !this.hidden.has(key));
+    return this.tracks.filter((one) => this.isShown(one));
+  }
+
+  /** Whether a track is shown: as ticked on this page, else as set for all. */
+  isShown({ track, key }) {
+    return this.ticked.get(key) ?? !track.look?.hidden;
   }
 
   track(key) {
@@ -80,8 +85,17 @@ export class MissionStore extends EventTarget {
   }
 
   setShown(key, shown) {
-    if (shown) this.hidden.delete(key);
-    else this.hidden.add(key);
+    this.ticked.set(key, shown);
+    this.emit("shown");
+  }
+
+  /** Apply a change of how a track looks. @param {number} id of its mission @param {Object} received the track */
+  setLook(id, { id: trackId, look }) {
+    const key = keyOf(id, trackId);
+    const track = this.track(key)?.track;
+    if (!track) return;
+    if (track.look.hidden !== look.hidden) this.ticked.delete(key);
+    track.look = look;
     this.emit("shown");
   }
 
@@ -151,6 +165,7 @@ export class MissionStore extends EventTarget {
     Object.assign(mission, facts);
     const known = new Map(mission.tracks.map((track) => [track.id, track]));
     const added = tracks.filter((received) => !known.has(received.id));
+    const restyled = tracks.some(({ id: one, look }) => JSON.stringify(look) !== JSON.stringify(known.get(one)?.look));
     for (const { new: points, ...received } of tracks) {
       if (known.has(received.id)) Object.assign(known.get(received.id), received);
       else mission.tracks.push(received);
@@ -158,6 +173,7 @@ export class MissionStore extends EventTarget {
     }
     if (objects.length) this.setObjects(id, objects);
     if (added.length) this.emit("missions");
+    else if (restyled) this.emit("shown");
     this.emit("grown");
   }
 

@@ -9,9 +9,13 @@ import { lengthText } from "./format.js";
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
 const MOTION = { zoomAnimation: !calm.matches, fadeAnimation: !calm.matches, inertia: !calm.matches };
 const STRAIGHT_UP_DEG = 0.5;
-/** Padding for the legend and buttons over the map. */
-/** @type {L.FitBoundsOptions} */
-const MARGIN = { paddingTopLeft: [16, 56], paddingBottomRight: [64, 40] };
+/** Padding for the buttons, scale and folded legend over the map. */
+const TOP = 56;
+const EDGE = 16;
+/** @type {[number, number]} */
+const BOTTOM_RIGHT = [64, 40];
+/** The legend is left of what is shown, unless it takes more of the width. */
+const BESIDE = 0.3;
 const ACROSS = [0, 0.5, 1];
 
 /** The map; fires `ground` when the ground changes, `move` when the view has changed. */
@@ -59,7 +63,15 @@ export class MissionView extends EventTarget {
     const bounds = L.latLngBounds(corners.map(([lat, lon]) => this.ground.latLngOf(this.ground.flat(lat, lon))));
     const padded = pad ? bounds.pad(pad) : bounds;
     const most = this._zoomOf(maxMetres, padded.getCenter());
-    this.map.fitBounds(padded, { animate: false, maxZoom: Math.min(most, this.ground.zooms.max), ...(pad ? MARGIN : {}) });
+    this.map.fitBounds(padded, { animate: false, maxZoom: Math.min(most, this.ground.zooms.max), ...(pad ? this._margin() : {}) });
+  }
+
+  /** Padding around what is shown, beside or below the legend. @returns {L.FitBoundsOptions} */
+  _margin() {
+    const legend = this.element.parentElement.querySelector(".mi-legend");
+    const taken = legend ? legend.getBoundingClientRect().right - this.element.getBoundingClientRect().left : 0;
+    const beside = taken < BESIDE * this.element.clientWidth && legend?.clientHeight > TOP;
+    return { paddingTopLeft: beside ? [taken + EDGE, EDGE] : [EDGE, TOP], paddingBottomRight: BOTTOM_RIGHT };
   }
 
   /** The zoom at which the shorter side of the screen shows some metres. */

@@ -5,7 +5,7 @@ import { labelled, t } from "../shared/i18n.js";
 import { ThemeColours } from "../shared/theme-colours.js";
 import { debounce, rafThrottle } from "../shared/timing.js";
 import { toastError } from "../shared/toast.js";
-import { nthColour, sourceColour } from "./colour-scales.js";
+import { trackColour } from "./colour-scales.js";
 import { lengthText, SHORTEST_S, spanText, speedText } from "./format.js";
 
 const POINTS = 1000;
@@ -122,10 +122,8 @@ export class Profile {
     const y = (value) => height - PAD.bottom - ((value - low) / (high - low)) * (height - PAD.top - PAD.bottom);
     const ink = this._inks.all;
     frame(pen, { width, bottom: y(low), top: y(high), colour: ink.line });
-    const missions = [...store.missions.keys()];
-    const colour = ({ mission, track }) => (store.mode === "mission" ? nthColour(missions.indexOf(mission.id)) : sourceColour(track.source));
     for (const one of series.toReversed()) {
-      curve(pen, one.received[column], { x: place(one), y, colour: colour(one), fill: series.length === 1 && y(low) });
+      curve(pen, one.received[column], { x: place(one), y, colour: trackColour(store, one), fill: series.length === 1 && y(low) });
     }
     pen.font = "12px system-ui, sans-serif";
     pen.textBaseline = "top";

@@ -54,10 +54,10 @@ function begin() {
   const fit = (track = null) => fitTo(view, track ? [track] : store.shown.map((one) => one.track));
   const look = ({ lat, lon }) => view.ground && view.reveal(view.ground.flat(lat, lon));
   connectGestures({ view, scene, store, player, fit: () => fit() });
+  showLegend(store, lines); // before the view is fitted beside it
   chooseGround(store, view, { services: page.services, maps: page.maps, fit });
   lines.load().catch(toastError);
   showTracks(store, { fit, forget: () => {} });
-  showLegend(store, lines);
   new Profile(store, scene, player);
   connectTabs(["tracks", "objects", "areas", "photos"]);
   byId("panel").inert = false; // inert until its listeners are attached

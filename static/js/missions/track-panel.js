@@ -4,9 +4,10 @@ import { byId, h, icon } from "../shared/dom.js";
 import { locale, t, tn } from "../shared/i18n.js";
 import { copyablePlace } from "../shared/map/positions.js";
 import { rafThrottle } from "../shared/timing.js";
-import { nthColour, sourceColour } from "./colour-scales.js";
+import { nthColour, trackColour } from "./colour-scales.js";
 import { ellipseOf } from "./draw-marks.js";
-import { clockText, lengthText, percentText, SHORTEST_S, spanText, speedText, trackName } from "./format.js";
+import { clockText, lengthText, percentText, SHORTEST_S, spanText, speedText, trackName, usualName } from "./format.js";
+import { lookButton } from "./track-look.js";
 
 /**
  * Keep the list up to date.
@@ -42,11 +43,12 @@ function section(store, page, { mission, n }) {
 function row(store, page, { mission, track, key }) {
   const id = `track-${key.replace("/", "-")}`;
   const name = trackName(track);
-  const box = h("input", { type: "checkbox", id, checked: !store.hidden.has(key), onchange: (event) => store.setShown(key, event.target.checked) });
-  const colour = store.mode === "mission" ? nthColour([...store.missions.keys()].indexOf(mission.id)) : sourceColour(track.source);
+  const box = h("input", { type: "checkbox", id, checked: store.isShown({ track, key }), onchange: (event) => store.setShown(key, event.target.checked) });
+  const colour = trackColour(store, { mission, track });
   return h("li", { class: "mi-track", "data-testid": "track", dataset: { key } },
     h("div", { class: "mi-track__head" },
       h("label", { class: "check" }, box, swatch(colour), h("span", { class: "mi-track__name" }, name)),
+      mission.can_edit && lookButton(store, { mission, track, key }, { class: "icon-button", id: `${id}-look` }, icon("pencil")),
       h("button", {
         class: "icon-button", type: "button", title: t("Zoom to it"), "aria-label": t("Zoom to {name}", { name }),
         disabled: !track.bounds, onclick: () => page.fit(track),
@@ -67,8 +69,8 @@ function numbers(store, box) {
 function facts(track) {
   const { poses, skipped, removed, thinned_m: error, distance_m: way, duration_s: duration, closing } = track;
   /** @type {Array<[string, string|HTMLElement]>} */
-  /** @type {Array<[string, string|HTMLElement]>} */
   const rows = [[t("Distance"), lengthText(way || 0)]];
+  if (track.look?.title) rows.unshift([t("Track"), usualName(track)]);
   if (duration >= SHORTEST_S) {
     const speed = t("{speed} on average", { speed: speedText(way / duration) });
     rows.push([t("Duration"), `${spanText(duration)} (${speed})`]);

@@ -5,6 +5,7 @@ import json
 import math
 import sqlite3
 from contextlib import closing
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -17,6 +18,7 @@ from webapp.connect.gis.command import _new_package
 from webapp.connect.gis.layers import add_mission
 from webapp.core.geo.types import LatLon
 from webapp.errors import UsageError
+from webapp.missions.core.looks import TrackLook
 from webapp.missions.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
 from webapp.missions.core.trajectory.records import make_poses
 from webapp.progress import Progress
@@ -237,6 +239,22 @@ def test_gdal_reads_the_layers_of_a_mission(tmp_path):
         "1.7",
     )
     assert victim["geometry"] == "POINT (14 50)"
+
+
+def test_tracks_look_as_people_have_set_it(tmp_path):
+    look = TrackLook("Team <2>", "#12ab34", 6.0, hidden=True)
+    going = replace(track(7, [(50, 14), (50.1, 14)]), look=look)
+    first, second = written(tmp_path, [going, track(8, [(50, 14), (50.1, 14)])])["tracks"]
+    names = ("name", "stroke", "stroke_width", "hidden")
+    assert [first[name] for name in names] == ["Team <2>", "#12ab34", "6", "1"]
+    assert [second[name] for name in names] == ["Rex", "#0072b2", "3.5", "0"]
+    wanted = "SELECT styleQML FROM layer_styles WHERE f_table_name = 'tracks'"
+    ((style,),) = rows(tmp_path / "search.gpkg", wanted)
+    tree = ElementTree.fromstring(style)
+    about = [[c.get(name) for name in ("value", "type", "label", "render")] for c in tree.iter("category")]
+    assert about == [["7", "long", "Team <2>", "false"], ["8", "long", "gps: Rex", "true"]]
+    colours = [o.get("value") for o in tree.iter("Option") if o.get("name") == "line_color"]
+    assert colours == ["18,171,52,255", "0,114,178,255"]
 
 
 def test_a_track_over_the_180th_meridian_is_cut_there(tmp_path):

@@ -1,5 +1,6 @@
 """Files become tracks and objects of a mission: each pose once, even if the import is killed at any time."""
 
+import json
 from contextlib import contextmanager
 from datetime import timedelta
 
@@ -11,6 +12,7 @@ from webapp.errors import NotFound, TrackError
 from webapp.files import gate
 from webapp.files.exchange.gpx import NAMESPACE
 from webapp.importing import import_name
+from webapp.missions.core.looks import TrackLook
 from webapp.missions.core.trajectory.robotframe import Start
 from webapp.missions.core.trajectory.thinning import MinMove
 from webapp.missions.store import batches, drawings, missions, objects, tracks
@@ -94,6 +96,30 @@ def test_what_is_stored_is_what_is_read(library, mission, log, small_parts):
         assert np.array_equal(latlon, track.poses.latlon)
     assert seen == {"bin1": ("bin", 3, 1607.0)}
     assert (done.objects, done.new) == (3, True)
+
+
+def test_names_and_colours_of_a_file_are_taken_and_not_taken_again(library, mission, tmp_path):
+    def feature(lon, **about):
+        line = {"type": "LineString", "coordinates": [[lon, 50], [lon, 50.1]]}
+        return {"type": "Feature", "geometry": line, "properties": {"name": "Ridge", **about}}
+
+    path = tmp_path / "hike.geojson"
+    features = [feature(14, stroke="#F0a", **{"stroke-width": 7}), feature(15, stroke="red")]
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    imported(library, mission, order_for(path))
+
+    def looks():
+        with library.database.read() as session:
+            return {row.name: tracks.look_of(row) for row in tracks.list_tracks(session, mission)}
+
+    taken = {"hike line 1 Ridge": TrackLook("Ridge", "#ff00aa", 7.0), "hike line 2 Ridge": TrackLook()}
+    assert looks() == taken  # two of one name could not be told apart
+    with library.database.write() as session:
+        (first, _) = tracks.list_tracks(session, mission)
+        row = session.get_one(Mission, mission)
+        tracks.change_look(session, row, id=first.id, fields={"title": "South", "colour": None})
+    imported(library, mission, order_for(path))
+    assert looks()["hike line 1 Ridge"] == TrackLook("South", None, 7.0)
 
 
 @pytest.mark.parametrize("after_commit", [False, True])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os.path
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,7 @@ from webapp.core.mapmodel.model import FACTS, WRITTEN, Experience, Map
 from webapp.errors import MapError
 from webapp.files.exchange.geojson import floor_properties
 from webapp.files.maps.folder import photo_path
-from webapp.missions.core.trajectory.outgoing import SOURCE_COLOURS, ExportObject, ExportTrack, MissionExport
+from webapp.missions.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
 from webapp.missions.core.trajectory.records import Poses, covariance_radius_m
 from webapp.missions.files.geojson_writer import cut_at_meridian
 from webapp.progress import Progress
@@ -108,8 +109,11 @@ TRACKS = FeatureTable(
         TableField("first_time", "DATETIME", "Time of the first pose, UTC"),
         TableField("last_time", "DATETIME", "Time of the last pose, UTC"),
         TableField("remark", "TEXT", "What has been removed to save space"),
+        TableField("stroke", "TEXT", "Line colour, #rrggbb"),
+        TableField("stroke_width", "REAL", "Line width, pixels"),
+        TableField("hidden", "BOOLEAN", "Whether it is shown only on demand"),
     ),
-    styles.coloured_lines("source", SOURCE_COLOURS),
+    styles.lines("track", {}),
     has_z=True,
     has_m=True,
 )
@@ -198,8 +202,10 @@ def add_mission(package: GeoPackage, mission: MissionExport, *, progress: Progre
         progress: One step per track.
     """
     progress.size(2 * len(mission.tracks))
+    looks = {t.id: styles.LineLook(t.title, t.colour, t.width_px, not t.look.hidden) for t in mission.tracks}
+    layer = replace(TRACKS, style=styles.lines("track", looks))
     return (
-        package.add(TRACKS, _counted(map(_track, mission.tracks), progress), title=f"{mission.name}: tracks"),
+        package.add(layer, _counted(map(_track, mission.tracks), progress), title=f"{mission.name}: tracks"),
         package.add(POSES, _poses(mission.tracks, progress), title=f"{mission.name}: poses"),
         package.add(OBJECTS, map(_object, mission.objects()), title=f"{mission.name}: objects"),
     )
@@ -298,7 +304,8 @@ def _track(track: ExportTrack) -> Row:
     geometry = lines(chosen, has_z=has_z, has_m=track.timed) if chosen else None
     first, last = moments(ends) if track.timed else (None, None)
     facts = (track.count, track.distance_m, first, last, track.remark or None)
-    return geometry, (track.id, track.source, track.name, *facts)
+    look = (track.colour, track.width_px, track.look.hidden)
+    return geometry, (track.id, track.source, track.label, *facts, *look)
 
 
 def _lines(track: ExportTrack) -> tuple[list[NDArray[np.float64]], bool, list[float]]:
@@ -325,7 +332,7 @@ def _poses(tracks: Iterable[ExportTrack], progress: Progress) -> Iterator[Row]:
 
 
 def _part(track: ExportTrack, part: Poses) -> Iterator[Row]:
-    about = (track.id, track.source, track.name)
+    about = (track.id, track.source, track.label)
     times = moments(part.times_s.tolist()) if track.timed else [None] * len(part)
     table = zip(
         times, part.latlon.tolist(), part.heading_deg.tolist(), part.height_m.tolist(),

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
+from webapp.files.exchange.xml import quoted
+
+_MM_PER_PX = 25.4 / 96.0
 _ARROW = "if(\"heading_deg\" is null, 'circle', 'arrow')"
 
 
@@ -32,14 +36,24 @@ def outlines(colour: str, *, label: str) -> str:
     return _document(_single(_symbol("fill", _layer("SimpleFill", options))), label=label)
 
 
-def coloured_lines(field: str, colours: Mapping[str, str]) -> str:
-    """Return a style of lines: a colour for each value of a field."""
+class LineLook(NamedTuple):
+    """How the lines with a value of a field look."""
+
+    label: str
+    colour: str  # `#rrggbb`
+    width_px: float
+    shown: bool
+
+
+def lines(field: str, looks: Mapping[int, LineLook]) -> str:
+    """Return a style of lines, by the values of a field of whole numbers."""
     symbols, categories = [], []
-    for number, (value, colour) in enumerate(colours.items()):
-        layer = _layer("SimpleLine", {"line_color": _rgba(colour), "line_width": "0.8"})
+    for number, (value, look) in enumerate(looks.items()):
+        width = f"{look.width_px * _MM_PER_PX:.2f}"
+        layer = _layer("SimpleLine", {"line_color": _rgba(look.colour), "line_width": width})
         symbols.append(_symbol("line", layer, name=str(number)))
-        about = f"value={quoteattr(value)} label={quoteattr(value)}"
-        categories.append(f'<category {about} symbol="{number}" type="string" render="true"/>')
+        about = f'value="{value}" label={quoted(look.label)} render="{str(look.shown).lower()}"'
+        categories.append(f'<category {about} symbol="{number}" type="long"/>')
     renderer = (
         f'<renderer-v2 type="categorizedSymbol" attr={quoteattr(field)} symbollevels="0" enableorderby="0">'
         f"<categories>{''.join(categories)}</categories><symbols>{''.join(symbols)}</symbols></renderer-v2>"

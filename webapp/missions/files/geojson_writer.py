@@ -1,6 +1,7 @@
 """Writes a mission as GeoJSON (RFC 7946), piece by piece: a line for each track, a point for each object.
 
 Drawings follow, with the property `drawing`; an area across the 180th meridian has longitudes beyond 180.
+Colours are properties of simplestyle 1.1.
 
 The times of a line's positions are in its `coordinateProperties`, nested like its coordinates. A track that
 crosses the 180th meridian is cut there into several lines, as the standard recommends.
@@ -18,6 +19,7 @@ from webapp.files.exchange.geojson import point_feature, to_json, write_collecti
 from webapp.files.exchange.times import utc, utc_or_none
 from webapp.missions.core.trajectory.outgoing import ExportDrawing, ExportObject, ExportTrack, MissionExport
 from webapp.missions.core.trajectory.records import Poses, join, make_poses
+from webapp.missions.core.trajectory.symbols import kind_colour
 from webapp.missions.files.drawn import GEOMETRIES, continuous, drawing_facts
 
 
@@ -43,10 +45,14 @@ def track_feature(track: ExportTrack) -> Iterator[str]:
     """Write a track as a feature, in parts."""
     facts = {
         "source": track.source,
-        "name": track.name,
+        "name": track.label,
         "poses": track.count,
         "distance_m": round(track.distance_m, 3),
+        "stroke": track.colour,
+        "stroke-width": track.width_px,
     }
+    if track.look.hidden:
+        facts["hidden"] = True
     if track.removed:
         facts |= {"removed_poses": track.removed, "thinned_m": track.thinned_m}
     over = track.bounds is not None and track.bounds[3] - track.bounds[1] > 180.0
@@ -141,6 +147,7 @@ def object_feature(found: ExportObject) -> str:
         "state": found.state,
         "state_time": utc_or_none(found.state_time_s),
         "state_by": found.state_by,
+        "marker-color": kind_colour(found.kind),
     }
     return point_feature(found.id, found.latlon, properties=properties, height_m=found.height_m)
 
@@ -156,6 +163,7 @@ def _drawing(drawing: ExportDrawing) -> str:
         "type": "Feature",
         "id": f"drawing-{drawing.id}",
         "geometry": {"type": GEOMETRIES[drawing.kind], "coordinates": coordinates},
-        "properties": drawing_facts(drawing),
+        "properties": drawing_facts(drawing)
+        | {"marker-color" if drawing.kind == "marker" else "stroke": drawing.colour},
     }
     return to_json(feature)

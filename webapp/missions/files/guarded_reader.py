@@ -20,6 +20,7 @@ from webapp.core.geo.types import LatLon
 from webapp.errors import TrackError
 from webapp.files import gate
 from webapp.files.gate import Budget
+from webapp.missions.core.looks import TrackLook
 from webapp.missions.core.trajectory.records import Poses, Sighting
 from webapp.missions.core.trajectory.robotframe import LocalPoses
 from webapp.missions.files import track_reader
@@ -83,6 +84,9 @@ def read(
             if isinstance(found, FoundDrawing):
                 findings.draw(found, where="")
                 continue
+            if isinstance(found, dict):
+                findings.looks |= found
+                continue
             assert not isinstance(found, list), "pieces and remarks only"
             if isinstance(found, WorldPiece | RobotPiece):
                 tracks.add(found.track)
@@ -111,6 +115,8 @@ def messages(path: str, kind: str, *, selection: dict[str, Any]) -> Iterator[byt
     yield from map(_remark_message, findings.taken())
     for drawing in findings.drawn:
         yield _message(["drawn", asdict(drawing)])
+    for track, look in findings.looks.items():
+        yield _message(["look", track, asdict(look)])
 
 
 def topic_messages(path: str, suffix: str) -> Iterator[bytes]:
@@ -198,7 +204,7 @@ def _values_message(values: Sequence[Any]) -> bytes:
     return _message(["values", *values])
 
 
-def _decode(message: bytes) -> Piece | _Remark | FoundDrawing | list[Any]:
+def _decode(message: bytes) -> Piece | _Remark | FoundDrawing | dict[str, TrackLook] | list[Any]:
     text, _, data = message.partition(b"\n")
     found: list[Any] = json.loads(text)
     kind, rest = found[0], found[1:]
@@ -216,6 +222,8 @@ def _decode(message: bytes) -> Piece | _Remark | FoundDrawing | list[Any]:
         case "drawn":
             points = tuple(tuple(point) for point in rest[0]["points"])
             return FoundDrawing(**{**rest[0], "points": points})
+        case "look":
+            return {rest[0]: TrackLook(**rest[1])}
         case "remark":
             method, what, where, count = rest
             return method, what, where, count

@@ -91,12 +91,14 @@ def _track_style(track: ExportTrack) -> str:
     colour = _colour(track.colour)
     return (
         f'<Style id="track-{track.id}"><IconStyle><color>{colour}</color><scale>0.7</scale></IconStyle>'
-        f"<LineStyle><color>{colour}</color><width>3</width></LineStyle></Style>\n"
+        f"<LineStyle><color>{colour}</color><width>{track.width_px:g}</width></LineStyle></Style>\n"
     )
 
 
 def _track(track: ExportTrack) -> Iterator[str]:
     yield f'<Placemark id="t-{track.id}">{element("name", track.title)}'
+    if track.look.hidden:
+        yield "<visibility>0</visibility>"
     yield f"<styleUrl>#track-{track.id}</styleUrl>"
     facts = {"source": track.source, "poses": track.count, "distance_m": f"{track.distance_m:.2f}"}
     yield extended_data(facts | ({"remark": track.remark} if track.remark else {}))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field, replace
 
+from webapp.missions.core.looks import TrackLook
 from webapp.missions.core.trajectory.records import Poses, Sighting, Source
 from webapp.missions.core.trajectory.robotframe import LocalPoses
 from webapp.missions.files.drawn import FoundDrawing
@@ -93,12 +94,14 @@ class Skipped:
 
 @dataclass(slots=True)
 class Findings:
-    """Remarks of a reader: items left out, doubtful items, and notes; and the drawings of a file."""
+    """Remarks of a reader: items left out, doubtful ones, notes; drawings of a file, looks of its tracks."""
 
     # Sentences on how the file was interpreted, without repetition.
     notes: list[str] = field(default_factory=list)
     # Search areas, lines and markers, which are few and small.
     drawn: list[FoundDrawing] = field(default_factory=list)
+    # How tracks look, by their names in the file, as far as it says.
+    looks: dict[str, TrackLook] = field(default_factory=dict)
     _counts: Counter[str] = field(default_factory=Counter)
     _first: dict[str, str] = field(default_factory=dict)
     _doubts: dict[str, Skipped] = field(default_factory=dict)

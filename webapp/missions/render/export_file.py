@@ -111,7 +111,7 @@ def _page(mission: MissionExport, found: list[ExportObject], ground: MercatorPic
         box = [[ground.south, ground.west], [ground.north, ground.east]]
         url = data_uri("image/webp", encode_picture(ground.pixels, ".webp"))
         folium.raster_layers.ImageOverlay(url, box, pixelated=False).add_to(page)
-    tracks = [_line(track) for track in mission.tracks]
+    tracks = [_line(track) for track in mission.tracks if not track.look.hidden]
     for line in tracks:
         _add_track(page, line)
     _add_objects(page, found)
@@ -133,7 +133,8 @@ def _add_track(page: folium.Map, line: Feature) -> None:
 
     points = line.geometry[1]
     border = [(lat, lon) for lon, lat in points]
-    white = folium.PolyLine(border, color="#fff", weight=6, interactive=False)  # type: ignore[no-untyped-call]
+    weight = line.style["weight"] + 3  # type: ignore[operator]
+    white = folium.PolyLine(border, color="#fff", weight=weight, interactive=False)  # type: ignore[no-untyped-call]
     white.add_to(page)
     dot = _DOT | {"fillColor": line.style["color"]}
     end = replace(line, geometry=("Point", points[-1]), style=dot)
@@ -188,7 +189,7 @@ def _line(track: ExportTrack) -> Feature:
         facts += f" · {first[:19]}Z – {last[:19]}Z"
     if track.remark:
         facts += f" · {track.remark}"
-    style = {"color": track.colour, "weight": 3}
+    style = {"color": track.colour, "weight": track.width_px}
     return Feature(("LineString", points), track.title, facts, style)
 
 

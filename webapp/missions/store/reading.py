@@ -123,6 +123,7 @@ def _track(database: Database, track: Track, *, most: int | None) -> ExportTrack
         timed=track.timed,
         removed=track.removed,
         thinned_m=track.thinned_m,
+        look=tracks.look_of(track),
     )
 
 

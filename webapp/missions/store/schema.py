@@ -81,6 +81,10 @@ class Track(Base):
     """Number of poses that are in pieces."""
     timed: Mapped[bool] = mapped_column(default=True)
     """False if the source has no times: `time_s` of the poses then only gives their order."""
+    look: Mapped[dict[str, Any] | None]
+    """The fields of its `TrackLook` that people have set; None for none."""
+    look_revision: Mapped[int] = mapped_column(default=0)
+    """Revision of the mission in which its look last changed."""
 
 
 class Pose(Base):

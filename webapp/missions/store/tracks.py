@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import ColumnElement, Select, and_, delete, exists, func, select
 from sqlalchemy.orm import Session
 
-from webapp.errors import NotFound
+from webapp.core import texts
+from webapp.errors import NotFound, UsageError
+from webapp.missions.core.looks import MAX_TITLE, TrackLook
 from webapp.missions.core.trajectory.distance import COLUMNS, fill_travelled
 from webapp.missions.core.trajectory.records import Poses, join, make_poses
-from webapp.missions.store.schema import Pose, Track, TrackPiece, TrackProfile
+from webapp.missions.store import missions
+from webapp.missions.store.schema import Mission, Pose, Track, TrackPiece, TrackProfile
 from webapp.store.database import backend_of
 from webapp.store.operate import jobs
 
@@ -65,6 +69,42 @@ def get_or_create(session: Session, mission_id: int, *, source: str, name: str =
         session.add(track)
         session.flush()
     return track
+
+
+def look_of(track: Track) -> TrackLook:
+    """Return how a track looks."""
+    return TrackLook(**(track.look or {}))
+
+
+def change_look(session: Session, mission: Mission, *, id: int, fields: Mapping[str, Any]) -> Track:
+    """Change some fields of the look of a track; without a difference nothing happens.
+
+    Args:
+        fields: Some of those of `TrackLook`.
+
+    Raises:
+        NotFound: The mission does not have the track.
+        UsageError: The title is invalid.
+    """
+    track = find(session, mission.id, id)
+    look = replace(look_of(track), **fields)
+    look = replace(look, title=_checked_title(look.title))
+    if look != look_of(track):
+        track.look = look.fields()
+        missions.count_change(mission)
+        track.look_revision = mission.revision
+    return track
+
+
+def _checked_title(title: str) -> str:
+    tidy = texts.tidy_name(title, most=MAX_TITLE) if title.strip() else ""
+    if tidy is None:
+        raise UsageError(
+            "this is not a valid name for a track",
+            where="title",
+            hint=f"give at most {MAX_TITLE} printable characters",
+        )
+    return tidy
 
 
 def append(session: Session, track: Track, poses: Poses, *, skipped: int = 0) -> None:

@@ -21,6 +21,7 @@ from sqlalchemy.orm import Session
 from webapp.core.geo.types import LatLon
 from webapp.errors import NotFound, TrackError
 from webapp.files.gate import budget_for
+from webapp.missions.core.looks import TrackLook
 from webapp.missions.core.trajectory.records import Sighting, Source
 from webapp.missions.core.trajectory.robotframe import Start
 from webapp.missions.files.drawn import FoundDrawing
@@ -117,7 +118,7 @@ def import_track_file(
     with write() as session:
         mission = _mission(session, into) if isinstance(into, int) else _made(session, into)
         mission_id = mission.id
-        ids = _tracks(session, mission, survey.tracks, key=key, name=order.name)
+        ids = _tracks(session, mission, survey, key=key, name=order.name)
         if mission.start is None and order.options.start is not None:
             given = order.options.start
             mission.start = {**given.position._asdict(), "heading_deg": given.heading_deg}
@@ -161,6 +162,8 @@ class _Survey:
     kind: TrackFormat
     tracks: dict[Key, bool]
     """Tracks, and whether they have times."""
+    looks: dict[str, TrackLook]
+    """How tracks look, by their names in the file, as far as it says."""
     parts: int
     records: int
     objects: int
@@ -185,7 +188,7 @@ def _survey(order: Order, findings: Findings, progress: Progress, *, limits: Fil
         else:
             objects += len(part)
     kind = kind_of(order.path, table=order.options.columns is not None)
-    return _Survey(kind, seen, parts, records + objects, objects)
+    return _Survey(kind, seen, findings.looks, parts, records + objects, objects)
 
 
 def _parts(order: Order, progress: Progress, *, limits: FileLimits) -> Iterator[Part]:
@@ -266,18 +269,22 @@ def _store_drawings(session: Session, mission: Mission, found: list[FoundDrawing
     return bool(new)
 
 
-def _tracks(
-    session: Session, mission: Mission, found: dict[Key, bool], *, key: str, name: str
-) -> dict[Key, int]:
+def _tracks(session: Session, mission: Mission, survey: _Survey, *, key: str, name: str) -> dict[Key, int]:
     """Find the tracks that an earlier run of this import created, or create new ones."""
     known = batches.answered(session, mission.id, key=key)
     if known is not None:
         return {(source, track): id for source, track, id in known["tracks"]}
     made = {}
-    for (source, track), timed in found.items():
+    titles = {tracks.look_of(row).title for row in tracks.list_tracks(session, mission.id)}
+    for (source, track), timed in survey.tracks.items():
         free = _free(session, mission, source, title=read_track.title(name, track))
         row = tracks.get_or_create(session, mission.id, source=source, name=free)
         row.timed, made[(source, track)] = timed, row.id
+        look = survey.looks.get(track, TrackLook())
+        if look.title in titles:  # the names of both files tell them apart
+            look = replace(look, title="")
+        titles.add(look.title)
+        row.look = look.fields()
     listed = [[source, track, id] for (source, track), id in made.items()]
     batches.remember(session, mission.id, key, answer={"tracks": listed})
     return made

@@ -159,7 +159,7 @@ def make_event(session: Session, mission: Mission, *, known: str | None) -> tupl
         "tracks": [
             _track(session, track, known=counts.get(track.id, 0 if before else track.poses - _AGAIN))
             for track in found
-            if before is None or counts.get(track.id) != track.poses
+            if before is None or counts.get(track.id) != track.poses or track.look_revision > revision
         ],
         "objects": [object_json(row) for row in objects],
     }

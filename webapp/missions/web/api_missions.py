@@ -9,6 +9,7 @@ from apiflask import APIBlueprint, Schema
 from apiflask.fields import Dict, Float, Integer, List, Nested, String
 from apiflask.validators import Length, Range
 
+from webapp.missions.core.looks import WIDTH_PX
 from webapp.missions.core.trajectory.records import SOURCES
 from webapp.missions.store import missions, shares
 from webapp.missions.store.robots import LEAST_SILENT_S, MOST_SILENT_S
@@ -61,12 +62,22 @@ class ClosingOut(Schema):
     share = Float(metadata={"description": "Of the distance travelled."})
 
 
+class TrackLookOut(Schema):
+    """How a track looks, as far as people have set it."""
+
+    title = String(metadata={"description": "Empty: it is called by its source and name."})
+    colour = String(allow_none=True, metadata={"description": "`#rrggbb`; null: that of its source."})
+    width_px = Float(allow_none=True, metadata={"description": f"null: {WIDTH_PX:g}."})
+    hidden = Boolean(metadata={"description": "Pages show it only once it is ticked."})
+
+
 class TrackOut(Schema):
     """A track."""
 
     id = Integer()
     source = String(metadata={"enum": list(SOURCES)})
-    name = String()
+    name = String(metadata={"description": "Given by its sender; distinguishes tracks of one source."})
+    look = Nested(TrackLookOut)
     poses = Integer()
     skipped = Integer(metadata={"description": "Poses that the sender left out."})
     removed = Integer(metadata={"description": "Poses that thinning removed."})

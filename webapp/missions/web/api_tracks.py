@@ -1,4 +1,4 @@
-"""API of the tracks of a mission for display, as a line and as a profile."""
+"""API of the tracks of a mission for display: how they look, as a line and as a profile."""
 
 from __future__ import annotations
 
@@ -6,17 +6,20 @@ from typing import Any
 
 import numpy as np
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import Boolean, Float, Integer, List, Raw
-from apiflask.validators import Range
+from apiflask.fields import Boolean, Float, Integer, List, Raw, String
+from apiflask.validators import Length, Range, Regexp
 from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
 from webapp.errors import UsageError
-from webapp.missions.store import tracks
+from webapp.missions.core.looks import COLOUR, LEAST_WIDTH_PX, MAX_TITLE, MOST_WIDTH_PX
+from webapp.missions.store import batches, tracks
 from webapp.missions.store.schema import Track
 from webapp.missions.tasks import track_display
 from webapp.missions.tasks.track_display import LineView
-from webapp.missions.web.context import open_mission
+from webapp.missions.web.api_missions import TrackOut
+from webapp.missions.web.context import mission_role, open_mission
+from webapp.missions.web.state import track_json
 from webapp.web.context import library
 from webapp.web.fields import RecordNumber
 
@@ -37,6 +40,27 @@ _POINT = {
     "maxItems": 5,
     "description": "number, time_s, lat, lon, heading_deg or null",
 }
+
+
+class TrackLookChange(Schema):
+    """Changes of how a track looks; fields that are not sent stay."""
+
+    title = String(
+        validate=Length(max=MAX_TITLE),
+        metadata={"description": "Name to show; empty: by its source and name.", "example": "Team 2"},
+    )
+    colour = String(
+        allow_none=True,
+        validate=[Length(equal=7), Regexp(COLOUR)],
+        metadata={"description": "`#rrggbb` in lower case; null: that of its source."},
+    )
+    width_px = Float(
+        allow_none=True,
+        allow_nan=False,
+        validate=Range(LEAST_WIDTH_PX, MOST_WIDTH_PX),
+        metadata={"description": "Of the line; null: the usual one."},
+    )
+    hidden = Boolean(metadata={"description": "true: pages show it only once it is ticked."})
 
 
 class LineQuery(Schema):
@@ -116,6 +140,18 @@ def profile_json(session: Session, track: Track, query: dict[str, Any]) -> dict[
     columns = samples.T.tolist()
     time, travelled, speed, height = ([None if v != v else v for v in column] for column in columns)
     return {"time_s": time, "travelled_m": travelled, "speed_mps": speed, "height_m": height}
+
+
+@blueprint.patch(f"/{_ID}")
+@mission_role("editor")
+@blueprint.input(TrackLookChange, arg_name="given")
+@blueprint.output(TrackOut)
+def change(mission_id: int, track_id: int, *, given: dict[str, Any]) -> dict[str, Any]:
+    """Change the name, colour, width or visibility of a track, for all who look at it."""
+    mission = open_mission(mission_id, "editor")
+    with library().database.write(locks_rows=True) as session:
+        row = batches.locked(session, mission.id)
+        return track_json(session, tracks.change_look(session, row, id=track_id, fields=given))
 
 
 @blueprint.get(f"/{_ID}/line")

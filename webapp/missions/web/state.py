@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
+from dataclasses import asdict
 from datetime import datetime
 from typing import Any
 
@@ -77,6 +78,7 @@ def track_json(session: Session, track: Track) -> dict[str, Any]:
         "id": track.id,
         "source": track.source,
         "name": track.name,
+        "look": asdict(tracks.look_of(track)),
         "poses": track.poses,
         "skipped": track.skipped,
         "removed": track.removed,

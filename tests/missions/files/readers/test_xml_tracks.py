@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from webapp.errors import TrackError
+from webapp.missions.core.looks import TrackLook
 from webapp.missions.files import track_chunks
 from webapp.missions.files.readers import gpx, kml_reader, line_buffer
 from webapp.missions.files.readers.kml_reader import opened_kml
@@ -145,6 +146,38 @@ def test_a_kmz_of_very_many_files_is_refused(tmp_path: Path, monkeypatch: pytest
             archive.writestr(f"pictures/{number:060}.png", b"")
     with pytest.raises(TrackError, match="more than 10 files"), kml_reader.opened_kml(path):
         pytest.fail("it was opened")
+
+
+STYLED = """<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2"
+xmlns:kml="http://www.opengis.net/kml/2.2"><Document>
+<StyleMap id="map"><Pair><key>highlight</key><styleUrl>#none</styleUrl></Pair>
+<Pair><key>normal</key><styleUrl>#red</styleUrl></Pair></StyleMap>
+<Style id="red"><LineStyle><color>7f0000FF</color><width>4</width></LineStyle></Style>
+<gx:CascadingStyle kml:id="web"><Style>
+<LineStyle><color>ffff0000</color><width>0.2</width></LineStyle></Style>
+</gx:CascadingStyle>
+{}</Document></kml>"""
+
+
+@pytest.mark.parametrize(
+    ("style", "look"),
+    [
+        ("<styleUrl>#red</styleUrl>", TrackLook("Ridge", "#ff0000", 4.0)),
+        ("<styleUrl>#map</styleUrl>", TrackLook("Ridge", "#ff0000", 4.0)),
+        ("<styleUrl>#web</styleUrl>", TrackLook("Ridge", "#0000ff", 1.0)),
+        ("<styleUrl>other.kml#red</styleUrl>", TrackLook("Ridge")),
+        (
+            "<styleUrl>#red</styleUrl><Style><LineStyle><width>99</width></LineStyle></Style>",
+            TrackLook("Ridge", "#ff0000", 12.0),
+        ),
+        ("<Style><LineStyle><color>red</color><width>x</width></LineStyle></Style>", TrackLook("Ridge")),
+        ("<Style><LineStyle><color>ffb27200</color></LineStyle></Style>", TrackLook("Ridge")),  # that of GPS
+    ],
+)
+def test_a_line_of_a_kml_keeps_its_name_colour_and_width(style: str, look: TrackLook) -> None:
+    line = "<LineString><coordinates>14,50 14.1,50</coordinates></LineString>"
+    _, findings = read_kml(STYLED.format(f"<Placemark><name> Ridge </name>{style}{line}</Placemark>"))
+    assert findings.looks == {"Ridge 1": look}
 
 
 def test_a_kmz_is_read_from_its_doc_kml(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """GeoJSON keeps to RFC 7946."""
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -8,8 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from webapp.missions.core.looks import TrackLook
 from webapp.missions.core.trajectory.outgoing import ExportTrack, MissionExport
 from webapp.missions.core.trajectory.records import make_poses
+from webapp.missions.core.trajectory.symbols import kind_colour
 from webapp.missions.files.geojson_writer import format_mission_geojson
 
 
@@ -31,6 +34,17 @@ def test_tracks_are_lines_with_times(mission):
         more = feature["properties"]["coordinateProperties"]
         assert len(more["times"]) == len(more["headings_deg"]) == len(positions)
         assert more["times"][0] == "2023-11-14T22:13:20.015625Z"
+
+
+def test_colours_are_those_of_simplestyle(mission):
+    first, *others = mission.tracks
+    look = TrackLook("Team 2", "#12ab34", 6.5, hidden=True)
+    styled, plain, *_ = read(replace(mission, tracks=(replace(first, look=look), *others)))["features"]
+    names = ("name", "stroke", "stroke-width", "hidden")
+    assert [styled["properties"][name] for name in names] == ["Team 2", "#12ab34", 6.5, True]
+    assert [plain["properties"].get(name) for name in names[1:]] == ["#e69f00", 3.5, None]
+    victim = read(mission)["features"][-1]["properties"]
+    assert (victim["class"], victim["marker-color"]) == ("victim", kind_colour("victim"))
 
 
 def test_objects_are_points(mission):

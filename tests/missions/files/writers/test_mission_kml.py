@@ -1,9 +1,12 @@
 """KML conforms to the standard, and can be read by other programs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.kml_rules import GX, KML, check_kml, fastkml
+from webapp.missions.core.looks import TrackLook
 from webapp.missions.core.trajectory.outgoing import MissionExport
 from webapp.missions.core.trajectory.records import make_poses
 from webapp.missions.files.kml_writer import format_mission_kml, format_network_link
@@ -59,6 +62,24 @@ def test_another_program_reads_every_pose(mission):
         ):
             ours = np.concatenate([getattr(part, field) for part in track.poses()])
             np.testing.assert_allclose(theirs, np.nan_to_num(ours), atol=off, rtol=0)
+
+
+def test_tracks_have_the_names_colours_and_widths_that_people_set(mission):
+    first, second, third = mission.tracks
+    look = TrackLook("Team <2>", "#12ab34", 6.5, hidden=True)
+    root = check_kml(written(replace(mission, tracks=(replace(first, look=look), second, third))))
+    lines = {style.get("id"): style.find(f"{KML}LineStyle") for style in root.iter(f"{KML}Style")}
+    marks = {mark.get("id"): mark for mark in root.iter(f"{KML}Placemark")}
+    shown = [
+        (
+            marks[f"t-{id}"].findtext(f"{KML}visibility"),
+            lines[f"track-{id}"].findtext(f"{KML}color"),
+            lines[f"track-{id}"].findtext(f"{KML}width"),
+        )
+        for id in (1, 2)
+    ]
+    assert marks["t-1"].findtext(f"{KML}name") == "Team <2>"
+    assert shown == [("0", "ff34ab12", "6.5"), (None, "ff009fe6", "3.5")]
 
 
 def test_objects_have_spans_facts_and_styles(mission):

@@ -10,6 +10,7 @@ import pytest
 
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
+from webapp.missions.core.looks import TrackLook
 from webapp.missions.core.trajectory.outgoing import ExportDrawing, MissionExport
 from webapp.missions.core.trajectory.records import join, make_poses
 from webapp.missions.files.geojson_writer import format_mission_geojson
@@ -36,6 +37,22 @@ def test_tracks_read_back(mission, write, read):
         np.testing.assert_allclose(found.poses.height_m, before.height_m, atol=1e-3)
         if write is format_mission_gpx:
             np.testing.assert_allclose(found.poses.covariance_m2, before.covariance_m2, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("write", "read"),
+    [(format_mission_kml, kml_reader.read), (format_mission_geojson, geojson_reader.read)],
+)
+def test_looks_of_tracks_read_back(poses, track, write, read):
+    looks = [TrackLook("Team 2", "#d55e00", 6.0), TrackLook(), TrackLook(hidden=True)]
+    tracks = [
+        replace(track(poses(3), id=id, source="odometry"), look=look) for id, look in enumerate(looks, 1)
+    ]
+    findings = Findings()
+    data = b"".join(write(MissionExport("way", tuple(tracks), (), list)))
+    pieces = list(read(io.BytesIO(data), findings=findings))
+    assert [piece.source for piece in pieces] == ["odometry"] * 3
+    assert list(findings.looks.values()) == [looks[0], TrackLook(), TrackLook()]
 
 
 def test_objects_of_our_geojson_keep_their_ids(mission):

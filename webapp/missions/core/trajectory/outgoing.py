@@ -11,20 +11,8 @@ from dataclasses import dataclass
 
 from webapp.core.geo.types import LatLon
 from webapp.missions.core.drawings import Kind
+from webapp.missions.core.looks import DRAWING_COLOURS, SOURCE_COLOURS, USUAL, WIDTH_PX, TrackLook
 from webapp.missions.core.trajectory.records import Poses
-
-SOURCE_COLOURS = {
-    "gps": "#0072b2",
-    "odometry": "#e69f00",
-    "visual": "#cc79a7",
-    "fused": "#009e73",
-    "manual": "#56b4e9",
-}
-"""Line colours by the source of the poses, as on the web pages."""
-
-
-DRAWING_COLOURS = {"open": "#6a3d9a", "assigned": "#b15928", "searched": "#1b7837", "line": "#d01c8b"}
-"""Line colours of areas by their state, and of other drawings, as on the web pages."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +32,7 @@ class ExportTrack:
     # Largest distance of those from the motion interpolated without them, metres; None if only both ends are
     # left.
     thinned_m: float | None = None
+    look: TrackLook = USUAL
 
     @property
     def remark(self) -> str:
@@ -57,12 +46,22 @@ class ExportTrack:
     @property
     def title(self) -> str:
         """Title to show."""
-        return f"{self.source}: {self.name}" if self.name else self.source
+        return self.look.title or (f"{self.source}: {self.name}" if self.name else self.source)
+
+    @property
+    def label(self) -> str:
+        """What people or else the sender call it; may be empty."""
+        return self.look.title or self.name
 
     @property
     def colour(self) -> str:
         """Line colour, `#rrggbb`."""
-        return SOURCE_COLOURS.get(self.source, SOURCE_COLOURS["manual"])
+        return self.look.colour or SOURCE_COLOURS.get(self.source, SOURCE_COLOURS["manual"])
+
+    @property
+    def width_px(self) -> float:
+        """Line width."""
+        return self.look.width_px or WIDTH_PX
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ from webapp.errors import TrackError
 from webapp.files.exchange.geojson import EXPORT_WGS84, NO_PLANE, is_beyond_degrees, stated_plane
 from webapp.files.exchange.times import unix_time
 from webapp.missions.core.drawings import Kind
+from webapp.missions.core.looks import look_in_file
 from webapp.missions.core.trajectory.records import SOURCES, Sighting, Source
 from webapp.missions.files.drawn import GEOMETRIES, found_drawing, kind_of_drawing, turned_lon
 from webapp.missions.files.readers.line_buffer import LineBuffer, LinePoint, mostly_timed
@@ -180,7 +181,12 @@ class _Features:
         ]
         if several and _along_line(feature) is not None:
             points = _without_the_meridian(points)
-        buffer = LineBuffer(name, timed=mostly_timed(points), source=_source(own))
+        source = _source(own)
+        title, colour = _text(own.get("name")), _text(own.get("stroke"))
+        self.findings.looks[name] = look_in_file(
+            title, source, colour=colour, width_px=_number(own.get("stroke-width"))
+        )
+        buffer = LineBuffer(name, timed=mostly_timed(points), source=source)
         for point in points:
             yield from buffer.add(point, findings=self.findings)
         yield from buffer.flush(self.findings)

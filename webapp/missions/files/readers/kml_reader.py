@@ -16,7 +16,7 @@ import zlib
 from array import array
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO, BinaryIO, cast
 from urllib.parse import unquote
@@ -30,8 +30,10 @@ from webapp.errors import TrackError
 from webapp.files.exchange.times import unix_time
 from webapp.files.exchange.xml import child_text, local_name, number, walk
 from webapp.files.exchange.zip_directory import has_many_files
-from webapp.missions.core.trajectory.records import Sighting
+from webapp.missions.core.looks import look_in_file
+from webapp.missions.core.trajectory.records import SOURCES, Sighting, Source
 from webapp.missions.files.drawn import found_drawing, kind_of_drawing, turned_lon
+from webapp.missions.files.readers.kml_styles import STYLES, LineStyles
 from webapp.missions.files.readers.line_buffer import LineBuffer, LinePoint, mostly_timed
 from webapp.missions.files.track_chunks import CHUNK, UNTIMED_OBJECTS, Findings, Piece, WorldObjects
 from webapp.missions.files.track_format import Beginning, FormatAbout, Selection, TrackFormat, opened
@@ -67,6 +69,10 @@ class _Placemark:
     number: int
     name: str
     time_s: float
+    source: Source  # As our own export states it, else `gps`
+    # `colour`, `width`: of lines, as far as the file states them.
+    colour: str
+    width: str
 
 
 @dataclass(slots=True)
@@ -76,6 +82,7 @@ class _Found:
     marks: int = 0
     lines: int = 0
     links: list[str] | None = None  # Of the documents; None if they cannot be followed
+    styles: LineStyles = field(default_factory=LineStyles)
 
 
 def read(
@@ -90,17 +97,21 @@ def read(
         TrackError: The file is damaged, declares a document type, or has more than `MAX_LINES` lines to read.
     """
     found = found or _Found()
-    for event, element in walk(file, whole={"Placemark", "NetworkLink"}):
+    for event, element in walk(file, whole={"Placemark", "NetworkLink", *STYLES}):
         name = local_name(element)
         if name == "NetworkLink":
             _link(element, found, findings=findings)
+        elif name in STYLES:
+            found.styles.add(element)
         elif event == "start" and name in _UNUSED:
             findings.skip(_UNUSED[name], where=f"<{name}>")
         if name != "Placemark":
             continue
         found.marks += 1
-        mark = _Placemark(found.marks, " ".join(child_text(element, "name").split()), _time(element))
-        if _draw(element, mark, findings=findings):
+        title, data = " ".join(child_text(element, "name").split()), _data(element)
+        source: Source = next((known for known in SOURCES if known == data.get("source")), "gps")
+        mark = _Placemark(found.marks, title, _time(element), source, *found.styles.of(element))
+        if _draw(element, mark, data, findings=findings):
             continue
         for part in element.iter():
             kind = local_name(part)
@@ -119,7 +130,9 @@ def read(
                         hint="name the lines that are tracks",
                     )
                 title = f"{mark.name or 'track'} {found.lines}"
-                yield from _line(part, title, findings=findings)
+                look = look_in_file(mark.name, mark.source, colour=mark.colour, width_px=mark.width)
+                findings.looks[title] = look
+                yield from _line(part, title, source=mark.source, findings=findings)
 
 
 def _link(element: Element, found: _Found, *, findings: Findings) -> None:
@@ -132,14 +145,14 @@ def _link(element: Element, found: _Found, *, findings: Findings) -> None:
         found.links.append(href.replace("\\", "/"))
 
 
-def _line(part: Element, title: str, *, findings: Findings) -> Iterator[Piece]:
+def _line(part: Element, title: str, *, source: Source, findings: Findings) -> Iterator[Piece]:
     if local_name(part) == "Track":
         track = _track(part, findings=findings, where=title)
         points, timed = iter(track), mostly_timed(track)
     else:
         rows = _coordinates(child_text(part, "coordinates"), findings=findings, where=title)
         points, timed = _untimed(rows), False
-    line = LineBuffer(title, timed=timed)
+    line = LineBuffer(title, timed=timed, source=source)
     for point in points:
         yield from line.add(point, findings=findings)
     yield from line.flush(findings)
@@ -195,12 +208,15 @@ def _object(part: Element, mark: _Placemark, *, findings: Findings) -> Iterator[
     yield WorldObjects((Sighting(name, "placemark", time_s, LatLon(lat, lon), at),))
 
 
-def _draw(placemark: Element, mark: _Placemark, *, findings: Findings) -> bool:
+def _data(placemark: Element) -> dict[str, str]:
+    """Return the extended data of a placemark."""
+    data = (element for element in placemark.iter() if local_name(element) == "Data")
+    return {element.get("name", ""): child_text(element, "value") for element in data}
+
+
+def _draw(placemark: Element, mark: _Placemark, data: dict[str, str], *, findings: Findings) -> bool:
     """Read a search area, a line or a marker of our own export; return whether it is one."""
-    about: dict[str, str] = {"name": mark.name}
-    for element in placemark.iter():
-        if local_name(element) == "Data":
-            about[element.get("name", "")] = child_text(element, "value")
+    about = {"name": mark.name} | data
     kind = kind_of_drawing(about)
     if kind is None:
         return False
