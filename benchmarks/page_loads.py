@@ -1,13 +1,15 @@
 """Measures page loads over a slow connection: requests, bytes, and times until pages are usable.
 
-    python -m benchmarks.page_loads [--mbit 1.6] [--latency 150] [--repeat 3] [--map FOLDER] [--json OUT]
+    python -m benchmarks.page_loads [--mbit 1.6] [--latency 150] [--repeat 3] [--pages view,editor]
+        [--map FOLDER] [--json OUT]
 
-Starts the program with the sample map, or another, and opens its pages in a browser with an empty cache and an emulated
-network. `ready` is DOMContentLoaded, after which all scripts have run; `first dot` is when photos are drawn
-on the image; `loaded` is when the last visible picture has arrived. Photos are counted separately from the
-other files of the page. The last lines are the times from a key on the page View until a picture of the
-next photo is shown, and until the large one is: on the way, where it was loaded ahead; far away, where it
-comes from the network; and far away after quick steps, whose pictures have not all arrived.
+Starts the program with the sample map, or another, and opens its pages in a browser with an empty cache
+and an emulated network. `ready` is DOMContentLoaded, after which all scripts have run; `first dot` is
+when photos are drawn on the image; `loaded` is when the last visible picture has arrived. Photos are
+counted separately from the other files of the page. The last lines are the times from a key on the page
+View until a picture of the next photo is shown, and until the large one is: on the way, where it was
+loaded ahead; far away, where it comes from the network; and far away after quick steps, whose pictures
+have not all arrived.
 """
 
 from __future__ import annotations
@@ -79,7 +81,9 @@ def main() -> None:
             _wait_for_jobs(client)
             share = client.ask("POST", f"/maps/{slug}/shares", json={"photos": True})
             pages = {name: app.url + path.format(slug) for name, path in _PAGES.items()}
-            rows = _measure(client, pages | {"shared map": share["url"]}, arguments)
+            pages["shared map"] = share["url"]
+            measured = {name: address for name, address in pages.items() if name in arguments.pages}
+            rows = _measure(client, measured, arguments)
             walks = _walk(client, pages["view"], arguments)
     header = ("page", "requests", "kB", "photos", "photos kB", "ready s", "first dot s", "loaded s")
     print("".join(f"{word:>12}" for word in header))
@@ -112,6 +116,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--mbit", type=float, default=1.6, help="per second")
     parser.add_argument("--latency", type=float, default=150.0, help="milliseconds of each request")
     parser.add_argument("--repeat", type=int, default=3)
+    parser.add_argument("--pages", type=lambda text: text.split(","), default=[*_PAGES, "shared map"])
     parser.add_argument("--map", type=Path, help="folder of a map, which is copied, instead of the sample")
     parser.add_argument("--json", type=Path)
     return parser.parse_args()
@@ -153,11 +158,13 @@ def _median(values: list[float | None]) -> float | None:
     return round(statistics.median(known), 2) if known else None
 
 
-def _walk(
-    client: Client, address: str, arguments: argparse.Namespace
-) -> dict[str, list[dict[str, float]]]:
+def _walk(client: Client, address: str, arguments: argparse.Namespace) -> dict[str, list[dict[str, float]]]:
     """Measure steps from photo to photo."""
-    walks: dict[str, list[dict[str, float]]] = {"loaded ahead": [], "far away": [], "far away, in a hurry": []}
+    walks: dict[str, list[dict[str, float]]] = {
+        "loaded ahead": [],
+        "far away": [],
+        "far away, in a hurry": [],
+    }
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=find_browser(), args=list(BROWSER_OPTIONS))
         for _ in range(arguments.repeat):
