@@ -1,18 +1,22 @@
 """Measures page loads over a slow connection: requests, bytes, and times until pages are usable.
 
-    python -m benchmarks.page_loads [--mbit 1.6] [--latency 150] [--repeat 3] [--json OUT]
+    python -m benchmarks.page_loads [--mbit 1.6] [--latency 150] [--repeat 3] [--pages view,editor]
+        [--map FOLDER] [--json OUT]
 
-Starts the program with the sample map and opens its pages in a browser with an empty cache and an emulated
-network. `ready` is DOMContentLoaded, after which all scripts have run; `first dot` is when photos are drawn
-on the image; `loaded` is when the last visible picture has arrived. Photos are counted separately from the
-other files of the page. The last lines are the times from a key on the page View to a picture of the next
-photo: on the way, where it was loaded ahead, and far away, where it comes from the network.
+Starts the program with the sample map, or another, and opens its pages in a browser with an empty cache
+and an emulated network. `ready` is DOMContentLoaded, after which all scripts have run; `first dot` is
+when photos are drawn on the image; `loaded` is when the last visible picture has arrived. Photos are
+counted separately from the other files of the page. The last lines are the times from a key on the page
+View until a picture of the next photo is shown, and until the large one is: on the way, where it was
+loaded ahead; far away, where it comes from the network; and far away after quick steps, whose pictures
+have not all arrived.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import statistics
 import tempfile
 import time
@@ -31,26 +35,38 @@ QUIET_S = 2.0
 """A page without new requests for this time has loaded, not counting those that poll every second."""
 PHOTO_PARTS = ("/thumb", "/preview", "/thumbnail")
 POLLS = ("/changes", "/jobs")
-VIEW = "/maps/sample/view"
 NEXT_PHOTO_MS = """
-async ({ key, count, large }) => {
+async ({ keys, pause }) => {
   const image = document.getElementById("photo-image");
-  const times = [];
-  for (let n = 0; n < count; n += 1) {
+  const frame = () => new Promise(requestAnimationFrame);
+  const steps = [];
+  for (const key of keys) {
     const start = performance.now();
     document.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
     const { id } = document.querySelector("#strip [aria-selected=true]").dataset;
-    const wanted = large ? `/photos/${id}/preview` : `/photos/${id}/`;
-    while (!image.currentSrc.includes(wanted) || !image.complete) await new Promise(requestAnimationFrame);
-    await image.decode();
-    await new Promise(requestAnimationFrame);
-    times.push(performance.now() - start);
-    await new Promise((resolve) => setTimeout(resolve, 1500));
+    const shown = async (address) => {
+      while (!image.currentSrc.includes(address) || !image.complete || !image.naturalWidth) await frame();
+      await image.decode().catch(() => {}); // replaced meanwhile
+      await frame();
+      return performance.now() - start;
+    };
+    steps.push({ shown: await shown(`/photos/${id}/`), large: await shown(`/photos/${id}/preview`) });
+    await new Promise((resolve) => setTimeout(resolve, pause));
   }
-  return times;
+  return steps;
 }
 """
-"""Milliseconds from each press of a key on View until a picture is shown: the `large` one, or any."""
+"""Milliseconds from each press of a key on View until a picture is shown, and until the large one is."""
+
+HURRY = """
+async () => {
+  for (let n = 0; n < 4; n += 1) {
+    document.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowRight", bubbles: true }));
+    await new Promise((resolve) => setTimeout(resolve, 200));
+  }
+}
+"""
+"""Steps too quick for the pictures to arrive."""
 
 
 def main() -> None:
@@ -61,30 +77,38 @@ def main() -> None:
         expmap("sample", library / "sample", library=library)
         with App(library) as app:
             client = Client(app.url, app.sign_in)
-            _wait_for_sample(client)
-            share = client.ask("POST", "/maps/sample/shares", json={"photos": True})
-            pages = {name: f"{app.url}{path}" for name, path in _PAGES.items()} | {"shared map": share["url"]}
-            rows = _measure(client, pages, arguments)
-            steps = _walk(client, f"{app.url}{VIEW}", arguments)
+            slug = "sample" if arguments.map is None else _import(client, arguments.map, Path(folder))
+            _wait_for_jobs(client)
+            share = client.ask("POST", f"/maps/{slug}/shares", json={"photos": True})
+            pages = {name: app.url + path.format(slug) for name, path in _PAGES.items()}
+            pages["shared map"] = share["url"]
+            measured = {name: address for name, address in pages.items() if name in arguments.pages}
+            rows = _measure(client, measured, arguments)
+            walks = _walk(client, pages["view"], arguments)
     header = ("page", "requests", "kB", "photos", "photos kB", "ready s", "first dot s", "loaded s")
     print("".join(f"{word:>12}" for word in header))
     for row in rows:
         print("".join(f"{value if value is not None else '-':>12}" for value in row.values()))
-    for name, times in steps.items():
-        print(f"photo to photo, {name}: median {statistics.median(times):.0f} ms, most {max(times):.0f} ms")
+    for name, steps in walks.items():
+        times = "; ".join(f"{kind} {_times([step[kind] for step in steps])}" for kind in ("shown", "large"))
+        print(f"photo to photo, {name}: {times}")
     if arguments.json:
-        arguments.json.write_text(json.dumps({"pages": rows, "photo to photo": steps}, indent=1) + "\n")
+        arguments.json.write_text(json.dumps({"pages": rows, "photo to photo": walks}, indent=1) + "\n")
 
 
 _PAGES = {
     "maps": "/",
-    "view": VIEW,
-    "editor": "/maps/sample/edit",
-    "localize": "/maps/sample/localize",
-    "image": "/maps/sample/image",
-    "quality": "/maps/sample/quality",
+    "view": "/maps/{}/view",
+    "editor": "/maps/{}/edit",
+    "localize": "/maps/{}/localize",
+    "image": "/maps/{}/image",
+    "quality": "/maps/{}/quality",
     "missions": "/missions",
 }
+
+
+def _times(times: list[float]) -> str:
+    return f"median {statistics.median(times):.0f} ms, most {max(times):.0f} ms"
 
 
 def _arguments() -> argparse.Namespace:
@@ -92,21 +116,29 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--mbit", type=float, default=1.6, help="per second")
     parser.add_argument("--latency", type=float, default=150.0, help="milliseconds of each request")
     parser.add_argument("--repeat", type=int, default=3)
+    parser.add_argument("--pages", type=lambda text: text.split(","), default=[*_PAGES, "shared map"])
+    parser.add_argument("--map", type=Path, help="folder of a map, which is copied, instead of the sample")
     parser.add_argument("--json", type=Path)
     return parser.parse_args()
 
 
-def _wait_for_sample(client: Client) -> None:
-    """Wait until the map exists and its index is built, which keeps the processor busy."""
-    until = time.monotonic() + 300
-    while not _is_ready(client) and time.monotonic() < until:
+def _import(client: Client, folder: Path, scratch: Path) -> str:
+    archive = Path(shutil.make_archive(str(scratch / "map"), "zip", folder))
+    with archive.open("rb") as file:
+        client.ask("POST", "/maps/import", files={"file": file}, data={"name": "walk"}, timeout=600)
+    return "walk"
+
+
+def _wait_for_jobs(client: Client) -> None:
+    """Wait until the maps exist and have an index, as building it keeps the processor busy."""
+    until = time.monotonic() + 900
+    while _is_busy(client) and time.monotonic() < until:
         time.sleep(0.5)
 
 
-def _is_ready(client: Client) -> bool:
-    answer = client.call("GET", "/maps/sample/changes?since=0")
-    jobs = answer.json()["jobs"] if answer.ok else []
-    return bool(jobs) and all(job["state"] not in ("queued", "running") for job in jobs)
+def _is_busy(client: Client) -> bool:
+    jobs = client.ask("GET", "/jobs")["jobs"]
+    return not jobs or any(job["state"] in ("queued", "running") for job in jobs)
 
 
 def _measure(client: Client, pages: dict[str, str], arguments: argparse.Namespace) -> list[dict[str, Any]]:
@@ -126,15 +158,28 @@ def _median(values: list[float | None]) -> float | None:
     return round(statistics.median(known), 2) if known else None
 
 
-def _walk(client: Client, address: str, arguments: argparse.Namespace) -> dict[str, list[float]]:
-    """Measure the steps from photo to photo."""
+def _walk(client: Client, address: str, arguments: argparse.Namespace) -> dict[str, list[dict[str, float]]]:
+    """Measure steps from photo to photo."""
+    walks: dict[str, list[dict[str, float]]] = {
+        "loaded ahead": [],
+        "far away": [],
+        "far away, in a hurry": [],
+    }
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=find_browser(), args=list(BROWSER_OPTIONS))
-        page, _ = _open(browser, address, (client, arguments))
-        ahead = page.evaluate(NEXT_PHOTO_MS, {"key": "ArrowRight", "count": 8, "large": True})
-        far = page.evaluate(NEXT_PHOTO_MS, {"key": "End", "count": 1, "large": False})
+        for _ in range(arguments.repeat):
+            page, _seen = _open(browser, address, (client, arguments))
+            ahead = page.evaluate(NEXT_PHOTO_MS, {"keys": ["ArrowRight"] * 5, "pause": 4000})
+            far = page.evaluate(NEXT_PHOTO_MS, {"keys": ["End"], "pause": 0})
+            page.context.close()
+            page, _seen = _open(browser, address, (client, arguments))
+            page.evaluate(HURRY)
+            hurried = page.evaluate(NEXT_PHOTO_MS, {"keys": ["End"], "pause": 0})
+            page.context.close()
+            for name, steps in zip(walks, (ahead, far, hurried), strict=True):
+                walks[name] += steps
         browser.close()
-    return {"loaded ahead": ahead, "far away": far}
+    return walks
 
 
 def _load(browser: Browser, address: str, who: tuple[Client, argparse.Namespace]) -> dict[str, Any]:

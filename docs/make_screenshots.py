@@ -30,6 +30,7 @@ from tests.browser.watch import BROWSER_OPTIONS
 from tests.ports import reserved_port
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon, MapPixel
+from webapp.core.mapmodel.model import Map
 from webapp.core.mapmodel.panorama import band
 from webapp.files.maps.folder import read_map
 
@@ -67,6 +68,7 @@ PAGES = {
     "missions": ("/missions", ("",)),
     "mission": ("/missions/1", ("", "-phone")),
     "mission-import": ("/missions/1", ("",)),
+    "mission-areas": ("/missions/3", ("",)),
 }
 SPOTS = {"kerb, east": 6, "kerb, north": 20, "kerb, west": 30, "manhole": 52}
 """Names of control points, and the photo in front of which each is on the ground."""
@@ -101,6 +103,28 @@ START_PX = (-95, 20)
 
 OTHERS = ("Morning round, north gate", "Search along the pond")
 """Names of further missions in the list, which go the same way a part of it."""
+
+DRAWN: tuple[dict[str, Any], ...] = (
+    {
+        "kind": "area",
+        "name": "Around the pond",
+        "points": ((0.2, 0.28), (0.47, 0.28), (0.47, 0.55), (0.2, 0.6)),
+    },
+    {
+        "kind": "area",
+        "name": "Gardens in the north",
+        "points": ((0.06, 0.04), (0.95, 0.04), (0.95, 0.17), (0.06, 0.22)),
+    },
+    {
+        "kind": "area",
+        "name": "East lawn",
+        "points": ((0.65, 0.42), (0.84, 0.36), (0.84, 0.62), (0.68, 0.72)),
+        "assigned": "Team 2",
+    },
+    {"kind": "line", "name": "Fence, closed", "points": ((0.03, 0.94), (0.3, 0.94))},
+    {"kind": "marker", "name": "Command post", "points": ((0.72, 0.88),)},
+)
+"""Drawn on the last of them, the first area as searched; points are fractions of the image's size."""
 
 
 def main() -> None:
@@ -250,7 +274,8 @@ def make_missions(api: Api, app: App) -> None:
     poses = drive.poses()
     mission = send(api, "Round of the rover in the park", [*poses, *seen(drive, places), {"type": "end"}])
     for n, name in enumerate(OTHERS):
-        send(api, name, [one for one in poses if one["source"] == "gps"][: 60 + 30 * n])
+        other = send(api, name, [one for one in poses if one["source"] == "gps"][: 60 + 30 * n])
+    draw(api, other, made)
     with (sample / "queries.csv").open(newline="", encoding="utf-8") as file:
         queries = list(csv.DictReader(file, delimiter=";"))
     for query in queries[1:8:2]:
@@ -272,6 +297,18 @@ def send(api: Api, name: str, records: list[dict[str, Any]]) -> int:
     batch = {"sender": "robot", "first": 0, "records": records}
     api.ask("POST", f"/missions/{mission}/batches", data=batch)
     return mission
+
+
+def draw(api: Api, mission: int, made: Map) -> None:
+    """Draw areas, a line and a marker on a mission."""
+    size = np.array((made.satellite.width, made.satellite.height))
+    assert made.georeference is not None
+    for drawing in DRAWN:
+        pixels = [MapPixel(*(size * point)) for point in drawing["points"]]
+        points = [tuple(made.georeference.latlon_of(pixel)) for pixel in pixels]
+        added = api.ask("POST", f"/missions/{mission}/drawings", data={**drawing, "points": points})
+        if drawing is DRAWN[0]:
+            api.ask("PATCH", f"/missions/{mission}/drawings/{added['id']}", data={"searched": True})
 
 
 def seen(drive: Round, places: list[LatLon]) -> list[dict[str, Any]]:
@@ -303,6 +340,8 @@ def shoot(browser: Browser, app: App, cookies: Any, *, path: str, name: str, loo
         page.get_by_test_id("hypothesis").first.wait_for()
     if path.endswith("/landmarks"):
         look_at_landmarks(page, from_above=name.endswith("-above"))
+    if path == "/missions":
+        page.get_by_test_id("mission").first.wait_for()
     if name == "place-rest":
         page.locator("#place-menu summary").click()
         page.locator("#place-the-rest").click()
@@ -323,6 +362,9 @@ def shoot(browser: Browser, app: App, cookies: Any, *, path: str, name: str, loo
         page.locator("#photo").select_option(value=shown.get_attribute("value"))
     if name == "mission-import":
         preview_import(page)
+    if name == "mission-areas":
+        page.get_by_test_id("tab-areas").click()
+        page.get_by_test_id("coverage").first.wait_for()
     settle(page)
     PICTURES.mkdir(exist_ok=True)
     page.screenshot(path=PICTURES / f"{name}.jpg", type="jpeg", quality=80, scale="css")

@@ -12,6 +12,7 @@ from tests.browser.polling import until
 
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 TALL = "image => image.naturalHeight / image.naturalWidth"
+LACKING = "least => document.querySelectorAll('#strip img:not([src])').length >= least"
 LOADED = "document.getElementById('photo-image').naturalWidth > 0"
 
 
@@ -178,5 +179,34 @@ def test_a_swipe_goes_to_the_next_photo(open_context, owner, sample_map):
 
 def test_photo_to_photo_is_quick_once_it_is_loaded_ahead(view):
     view.wait_for_load_state("networkidle")
-    times = view.evaluate(NEXT_PHOTO_MS, {"key": "ArrowRight", "count": 5, "large": True})
-    assert sorted(times)[len(times) // 2] < 100, times
+    steps = view.evaluate(NEXT_PHOTO_MS, {"keys": ["ArrowRight"] * 5, "pause": 1500})
+    times = sorted(step["large"] for step in steps)
+    assert times[len(times) // 2] < 100, times
+
+
+def test_on_a_slow_network_the_photo_comes_before_the_filmstrip(view):
+    view.wait_for_load_state("networkidle")
+    held, rest = [], []
+
+    def hold_the_first(route):
+        (rest if held else held).append(route)
+        if rest:
+            route.continue_()
+
+    view.route("**/thumb*", hold_the_first)
+    view.keyboard.press("End")
+    until(view, "document.querySelector('#strip .vw-tile:last-child[aria-selected=true]') !== null")
+    until(view, LACKING, 3)
+    assert f"/photos/{photo_in(view)}/thumb" in held[0].request.url and not rest
+    held[0].continue_()
+    until(view, "document.querySelectorAll('#strip img:not([src])').length === 0")
+
+
+def test_a_jump_stops_what_is_loading_for_another_photo(view):
+    view.wait_for_load_state("networkidle")
+    view.route("**/preview*", lambda route: None)  # it never arrives
+    with view.expect_request("**/preview*") as asked:
+        view.keyboard.press("End")
+    with view.expect_event("requestfailed", lambda request: request.url == asked.value.url):
+        view.keyboard.press("Home")
+    assert place(view) == 1

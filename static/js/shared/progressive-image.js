@@ -10,6 +10,7 @@ export class ProgressiveImage {
     this.frame = frame;
     this.image = image;
     this._shown = null;
+    this._large = new Image();
     image.addEventListener("error", () => frame.classList.add("is-broken"));
     image.addEventListener("load", () => frame.classList.remove("is-broken"));
   }
@@ -22,11 +23,11 @@ export class ProgressiveImage {
     const address = photo?.preview ?? null;
     if (this._shown === address) return false;
     this._shown = address;
-    this.image.removeAttribute("src");
+    for (const image of [this.image, this._large]) image.removeAttribute("src"); // what still loads would hold up the next one
     if (!address) return false;
     this.image.alt = photo.name;
     this.image.src = photo.thumb;
-    const large = new Image();
+    const large = (this._large = new Image());
     large.src = address;
     large.decode().then(
       () => this._shown === address && (this.image.src = large.src),

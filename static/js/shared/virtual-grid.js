@@ -141,6 +141,7 @@ export class VirtualGrid {
     const keep = new Set(wanted);
     for (const [id, tile] of this.tiles) {
       if (keep.has(id)) continue;
+      tile.querySelector("img")?.removeAttribute("src"); // if it still loads, it would hold up those in view
       tile.remove();
       this.tiles.delete(id);
     }

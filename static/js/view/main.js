@@ -41,10 +41,10 @@ function begin() {
     writeAddress(id, how);
   };
   store.setCurrent(known(store, photoInAddress()) ?? walk.ids[0]);
-  new PhotoFrame(walk, step);
+  const { image } = new PhotoFrame(walk, step);
   const steps = new Steps(byId("steps"), walk, { go: jump, point: mark });
   steps.show();
-  new Strip(walk, jump);
+  new Strip(walk, image, jump);
   const whole = new WholeScreen(byId("photo"), byId("photo-whole", HTMLButtonElement));
   store.on("current", () => view.reveal(store.position(store.currentId)));
   addEventListener("popstate", () => {

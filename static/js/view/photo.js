@@ -39,7 +39,10 @@ export class PhotoFrame {
     const photo = this.store.current;
     if (!photo) return;
     const named = { ...photo, name: photo.name || t("Photo") };
-    if (this.picture.show(named)) this.zoom.reset();
+    if (this.picture.show(named)) {
+      this.zoom.reset();
+      this._stopOthers(photo.preview);
+    }
     this._inside(named);
     byId("photo-name").textContent = photo.name ?? ""; // a share may leave it out
     byId("photo-when").textContent = photo.taken_at ? clockText(photo.taken_at) : "";
@@ -72,17 +75,26 @@ export class PhotoFrame {
     byId("photo-spots").replaceChildren(...spots.map(open));
   }
 
-  /** Once the photo has arrived, load those that may be next: of the way and of the steps. */
+  /** Load the photo, then those that may be next, of the way and of the steps: one after the other, as they share the network. */
   async _loadAhead(photo) {
-    if (!photo.preview) return;
-    await this._load(photo.preview).decode().catch(() => {}); // the frame says that it is broken
-    if (this.store.currentId !== photo.id) return;
-    const next = [this.walk.after(1), this.walk.after(-1), ...this.walk.steps(photo.id).map(({ id }) => id), this.walk.after(2)];
+    const next = [photo.id, this.walk.after(1), this.walk.after(-1), ...this.walk.steps(photo.id).map(({ id }) => id), this.walk.after(2)];
     for (const id of next) {
       const address = id === null ? null : this.store.photos.get(id)?.preview;
-      if (address) this._load(address);
+      if (!address) continue;
+      const picture = this._load(address);
+      if (!picture.complete) await picture.decode().catch(() => {}); // the frame says that it is broken
+      if (this.store.currentId !== photo.id) return;
     }
     for (const address of [...this.ahead.keys()].slice(0, -KEPT)) this.ahead.delete(address);
+  }
+
+  /** Stop loading any other picture. @param {?string} wanted address of the one that is shown */
+  _stopOthers(wanted) {
+    for (const [address, picture] of this.ahead) {
+      if (address === wanted || picture.complete) continue;
+      picture.removeAttribute("src");
+      this.ahead.delete(address);
+    }
   }
 
   /** Keep a picture in memory, as the one used last. @param {string} address */

@@ -14,10 +14,11 @@ const clock = new Intl.DateTimeFormat(locale, { timeStyle: "short", timeZone: "U
 
 /** Follows the store and the walk. */
 export class Strip {
-  /** @param {import("./walk.js").Walk} walk @param {function(number): void} go */
-  constructor(walk, go) {
+  /** @param {import("./walk.js").Walk} walk @param {HTMLImageElement} image the current photo, which loads before those of the strip @param {function(number): void} go */
+  constructor(walk, image, go) {
     this.walk = walk;
     this.store = walk.store;
+    this.image = image;
     this.box = byId("strip");
     this.orders = queryAll("[data-order]", HTMLButtonElement, byId("orders"));
     this.grid = new VirtualGrid(this.box, (id) => this._make(id), (tile, id) => this._update(tile, id), () => this._active());
@@ -29,6 +30,7 @@ export class Strip {
     const render = rafThrottle(() => this.render());
     walk.addEventListener("change", render);
     this.store.on("current", () => this._current());
+    for (const end of ["load", "error"]) image.addEventListener(end, () => this.grid.render());
     this.render();
   }
 
@@ -73,7 +75,7 @@ export class Strip {
   _update(tile, id) {
     const photo = this.store.photos.get(id);
     const image = tile.querySelector("img");
-    if (photo.thumb && image.getAttribute("src") !== photo.thumb) image.src = photo.thumb;
+    if (photo.thumb && this.image.complete && image.getAttribute("src") !== photo.thumb) image.src = photo.thumb;
     const at = this.walk.ids.indexOf(id);
     const before = this.store.photos.get(this.walk.ids[at - 1]);
     const begins = Boolean(dayOf(photo)) && (!before || dayOf(before) !== dayOf(photo));
