@@ -108,7 +108,7 @@ def _measure(cfg: Path, features: str, arguments: argparse.Namespace, *, within:
     options = OpenOptions(method="verified", features=features, index=index, right_within_px=right_px)
     progress = Progress()
     pipeline = open_pipeline(cfg, options, settings=load_settings(), progress=progress)
-    queries = queries_csv.select(queries_csv.read(cfg.with_name("queries.csv")), arguments.limit)
+    queries = queries_csv.select(queries_csv.read(cfg.with_name("queries.csv")), arguments.limit or None)
     away = photos_in(arguments.foreign) if arguments.foreign else []
     trials = calibrate.run_trials(pipeline.opened, progress=progress)
     return Measured(

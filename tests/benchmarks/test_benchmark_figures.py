@@ -2,11 +2,12 @@
 
 import json
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from benchmarks import figures, processes, side_by_side
+from benchmarks import figures, held_out, processes, side_by_side
 
 
 def answer(*probabilities: float, **seconds: float | None) -> dict:
@@ -141,3 +142,16 @@ def test_a_program_that_fails_is_reported_with_its_messages():
         processes.run(fails)
     assert caught.value.code == 4
     assert json.dumps(processes.run(fails, accepted=(4,)).printed) == "[]"
+
+
+@pytest.mark.parametrize(("limit", "queries"), [(0, 3), (2, 2)])
+def test_each_map_held_out_is_asked_all_its_queries_unless_they_are_limited(
+    tmp_path, monkeypatch, limit, queries
+):
+    (tmp_path / "queries.csv").write_text("path;x;y\n" + "".join(f"{n}.jpg;{n};0\n" for n in range(3)))
+    monkeypatch.setattr(held_out, "open_pipeline", lambda *_, **__: SimpleNamespace(opened=None))
+    monkeypatch.setattr(held_out.calibrate, "run_trials", lambda *_, **__: {})
+    monkeypatch.setattr(held_out, "_case", lambda _, path, truth: (path.name, truth))
+    arguments = SimpleNamespace(index=None, limit=limit, foreign=None)
+    measured = held_out._measure(tmp_path / "map.cfg", "sift", arguments, within={})
+    assert len(measured.queries) == queries and measured.queries[0] == ("0.jpg", (0.0, 0.0))

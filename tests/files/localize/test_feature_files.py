@@ -1,6 +1,7 @@
 """Segments: features of photos on disk."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -41,6 +42,43 @@ def test_photos_come_out_as_they_went_in(tmp_path, mapped):
     segment = read_segment(tmp_path / f"{name}.features", mapped=mapped)
     assert len(segment.content) == 3
     assert all(same(segment.entry(i), e) for i, e in enumerate(entries))
+
+
+def of_network(entry: PhotoEntry) -> PhotoEntry:
+    """As of a network: all keypoints have one size and no angle."""
+    rows = len(entry.features)
+    one_size, no_angle = np.full(rows, 32.0, np.float32), np.zeros(rows, np.float32)
+    return replace(entry, features=replace(entry.features, size=one_size, angle=no_angle))
+
+
+@pytest.mark.parametrize("in_file", [True, False])
+def test_sizes_and_angles_that_are_all_equal_take_no_space_and_come_out_as_they_went_in(tmp_path, in_file):
+    plain = [photo(400, number=0), photo(0, number=1), photo(600, number=2)]
+    entries = [of_network(entry) for entry in plain]
+    write_segment(tmp_path / "plain", plain)
+    write_segment(tmp_path / "one", entries)
+    segment = read_segment(tmp_path / "one", in_file=in_file)
+    assert all(same(segment.entry(i), e) for i, e in enumerate(entries))
+    saved = (tmp_path / "plain").stat().st_size - (tmp_path / "one").stat().st_size
+    assert saved == pytest.approx(8 * 1000, abs=256)
+
+
+def make_two_values(arrays):
+    arrays["one_size"] = arrays["one_size"].repeat(2)
+
+
+def make_no_value(arrays):
+    arrays["one_angle"] = arrays["one_angle"][:0]
+
+
+@pytest.mark.parametrize("change", [make_two_values, make_no_value])
+def test_not_one_value_for_all_is_damage(tmp_path, change):
+    write_segment(tmp_path / "a", [of_network(photo(3, number=0))])
+    arrays, meta = read_arrays(tmp_path / "a", mapped=False)
+    change(arrays)
+    write_arrays(tmp_path / "b", arrays, meta=meta)
+    with pytest.raises(IndexDamaged, match="expmap build"):
+        read_segment(tmp_path / "b")
 
 
 def test_a_segment_of_photos_without_features(tmp_path):

@@ -16,6 +16,10 @@ from webapp.files.localize.arrays import REPAIR, read_arrays, write_arrays
 
 _LARGE = ("xy", "size", "angle", "descriptors")
 
+_ONE_FOR_ALL = {"size": "one_size", "angle": "one_angle"}
+"""Arrays of which a single value is stored, under another name, if all are equal: networks give keypoints one
+size and no angle."""
+
 
 def write_segment(path: Path, entries: Sequence[PhotoEntry]) -> str:
     """Write photos to a segment file.
@@ -37,6 +41,9 @@ def write_segment(path: Path, entries: Sequence[PhotoEntry]) -> str:
         "photo_size": np.array([f.photo_size for f in features], np.int32),
         "fov_deg": np.array([e.fov_deg for e in entries], np.float64),
     }
+    for name, one in _ONE_FOR_ALL.items():
+        if len(arrays[name]) and (arrays[name] == arrays[name][0]).all():
+            arrays[one] = arrays.pop(name)[:1]
     return write_arrays(path, arrays, meta={"content": [e.content for e in entries]})
 
 
@@ -50,8 +57,11 @@ def read_segment(
     """
     arrays, meta = read_arrays(path, mapped=mapped, in_file=_LARGE if in_file else (), verify=verify)
     try:
+        for name, one in _ONE_FOR_ALL.items():
+            if one in arrays:
+                arrays[name] = np.broadcast_to(arrays.pop(one), len(arrays["xy"]))
         segment = Segment(content=[str(c) for c in meta["content"]], **arrays)
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise _damaged(path) from error
     if not _consistent(segment):
         raise _damaged(path)
