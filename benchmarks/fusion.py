@@ -120,7 +120,7 @@ def honesty(fused: Fusion, out: Poses) -> dict[str, Any]:
     """Report whether the uncertainty of a fused track is consistent, and how fixes were weighted."""
     off, track = _off(fused.poses, out), fused.poses
     spread = np.column_stack([np.interp(out.times_s, track.times_s, c) for c in track.covariance_m2.T])
-    own = out.covariance_m2 * fused.fit.receiver**2
+    own = out.covariance_m2 * fused.fit.stated["gps"] ** 2
     east, north, both = (spread + own).T
     distance = (off[:, 0] ** 2 * north - 2 * off[:, 0] * off[:, 1] * both + off[:, 1] ** 2 * east) / (
         east * north - both**2
@@ -132,7 +132,7 @@ def honesty(fused: Fusion, out: Poses) -> dict[str, Any]:
         "pieces": len(fused.begins_s),
         "mean_distance": gating.mean_distance,
         "odometry_errors_times": fused.fit.odometry,
-        "receiver_errors_times": fused.fit.receiver,
+        "receiver_errors_times": fused.fit.stated["gps"],
     }
 
 

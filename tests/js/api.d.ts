@@ -731,6 +731,9 @@ export interface components {
             poses?: number;
             /** @description Of the mission, when it was written. */
             revision?: number;
+            shifted?: components["schemas"]["ShiftedOut"][];
+            /** @description Sources with larger errors than stated. */
+            too_sure?: components["schemas"]["TooSureOut"][];
             /** @description Id of the corrected track. */
             track?: number;
         };
@@ -2384,6 +2387,20 @@ export interface components {
         SharedPhotos: {
             photos?: components["schemas"]["SharedPhotoOut"][];
         };
+        ShiftedOut: {
+            /** @description Mean of how far they are off, metres east. */
+            east_m?: number;
+            /** @description How many. */
+            fixes?: number;
+            /** @description Time of the first one, Unix seconds. */
+            from_s?: number;
+            /** @description Metres north. */
+            north_m?: number;
+            source?: string;
+            /** @description Time of the last one. */
+            to_s?: number;
+            track?: number;
+        };
         ShownCameraOut: {
             /** @description Where it was taken, x, y, z. */
             at?: number[];
@@ -2585,6 +2602,8 @@ export interface components {
             /** @description Mean squared Mahalanobis distance; 2 when all covariances are right. */
             mean_distance?: number | null;
             source?: string;
+            /** @description Id of their track: a receiver or a camera. */
+            track?: number;
             used?: number;
         };
         StatisticsOut: {
@@ -2734,6 +2753,14 @@ export interface components {
             name?: string;
             /** @description To the hour. */
             used_at?: string | null;
+        };
+        TooSureOut: {
+            /** @description Its errors by the stated standard deviations. */
+            factor?: number;
+            /** @description Time of the first fix of which this is true, Unix seconds. */
+            since_s?: number;
+            source?: string;
+            track?: number;
         };
         TrackFileIn: {
             /**

@@ -84,26 +84,100 @@ def test_fixes_in_any_order_of_two_sources():
 def test_a_receiver_that_promises_too_much_is_not_believed():
     drive = Drive(4, nodes=1200, every=20)
     found = fuse(odometry_of(drive), {"gps": gps_of(drive, stated_m=0.5)})
-    assert found.fit.stated == {"gps": 4.0}
+    (too_sure,) = found.fit.too_sure
+    assert too_sure.source == "gps"
+    assert too_sure.since_s == BEGUN_S
+    assert too_sure.factor == pytest.approx(4.0, rel=0.3)
     assert not found.gating["gps"].gated.any()
     honest = fuse(odometry_of(drive), {"gps": gps_of(drive)})
-    assert honest.fit.stated == {"gps": 1.0}
+    assert honest.fit.too_sure == []
+
+
+def camera_of(drive, *, sigma_m, stated_m=1.0):
+    """Return fixes of a camera halfway between those of the receiver."""
+    at = drive.node[:-1] + drive.every // 2
+    off = np.random.default_rng(drive.seed).normal(0, 1.0, (len(at), 2)) * np.reshape(sigma_m, (-1, 1))
+    return make_poses(
+        drive.steps.times_s[at] + BEGUN_S,
+        FRAME.latlon_from_enu(drive.truth[at] + off),
+        covariance_m2=np.tile([stated_m**2, stated_m**2, 0.0], (len(at), 1)),
+    )
 
 
 def test_a_camera_that_promises_too_much_does_not_overrule_a_good_receiver():
-    drive = Drive(8, nodes=1200, every=10)
-    poses = gps_of(drive)
-    gps, camera = poses.take(np.arange(0, len(poses), 2)), poses.take(np.arange(1, len(poses), 2))
-    off = np.random.default_rng(8).normal(0, 6.0, (len(camera), 2))
-    seen = make_poses(
-        camera.times_s,
-        FRAME.latlon_from_enu(FRAME.enu_from_latlon(camera.latlon) + off),
-        covariance_m2=np.tile([1.0, 1.0, 0.0], (len(camera), 1)),
-    )
-    found = fuse(odometry_of(drive), {"gps": gps, "visual": seen})
-    assert found.fit.stated["gps"] == 1.0
-    assert found.fit.stated["visual"] >= 4.0
+    drive = Drive(8, nodes=1200, every=20)
+    gps = gps_of(drive)
+    found = fuse(odometry_of(drive), {"gps": gps, "visual": camera_of(drive, sigma_m=6.0)})
+    assert found.fit.stated["gps"] < 1.5
+    assert found.fit.stated["visual"] == pytest.approx(6.0, rel=0.35)
+    assert [one.source for one in found.fit.too_sure] == ["visual"]
     assert error_m(found, drive) < 1.2 * error_m(fuse(odometry_of(drive), {"gps": gps}), drive)
+
+
+def test_it_is_reported_since_when_a_camera_promises_too_much():
+    drive = Drive(9, nodes=1200, every=20)
+    sigma_m = np.where(np.arange(59) < 30, 1.0, 8.0)
+    found = fuse(odometry_of(drive), {"gps": gps_of(drive), "visual": camera_of(drive, sigma_m=sigma_m)})
+    (too_sure,) = found.fit.too_sure
+    assert too_sure.source == "visual"
+    assert too_sure.since_s == pytest.approx(BEGUN_S + 305.0, abs=40.0)
+    assert too_sure.factor == pytest.approx(8.0, rel=0.35)
+    first = next(one for one in found.fit.sources if one.source == "visual")
+    assert first.factor < 1.5
+
+
+def test_two_receivers_have_errors_of_their_own():
+    drive = Drive(10, nodes=1200, every=10)
+    poses = gps_of(drive)
+    good, bad = poses.take(np.arange(0, 120, 2)), poses.take(np.arange(1, 120, 2))
+    off = np.random.default_rng(1).normal(0, 8.0, (60, 2))
+    worse = make_poses(
+        bad.times_s,
+        FRAME.latlon_from_enu(FRAME.enu_from_latlon(bad.latlon) + off),
+        covariance_m2=bad.covariance_m2,
+    )
+    found = fuse(odometry_of(drive), {"gps 1": good, "gps 2": worse})
+    assert [one.source for one in found.fit.too_sure] == ["gps 2"]
+    assert found.gating.keys() == {"gps 1", "gps 2"}
+
+
+def test_a_shift_is_reported():
+    drive = Drive(6, nodes=800, every=10)
+    drive.measured[40:50] += (25.0, -12.0)
+    found = fuse(odometry_of(drive), {"gps": gps_of(drive)})
+    (shift,) = found.shifts
+    assert (shift.source, shift.fixes) == ("gps", 10)
+    assert (shift.begin_s, shift.end_s) == (BEGUN_S + 200.0, BEGUN_S + 245.0)
+    assert (shift.east_m, shift.north_m) == pytest.approx((25.0, -12.0), abs=3.0)
+    assert np.flatnonzero(found.gating["gps"].gated).tolist() == list(range(40, 50))
+
+
+def test_fixes_between_those_of_the_sample_are_left_out_with_them(monkeypatch):
+    monkeypatch.setattr(fusion, "MOST_EXPLAINED", 40)
+    drive = Drive(6, nodes=800, every=5)
+    drive.measured[80:104] += (40.0, -30.0)
+    found = fuse(odometry_of(drive), {"gps": gps_of(drive)})
+    assert found.gating["gps"].gated[84:100].all()
+    assert found.gating["gps"].gated.sum() <= 24
+    assert error_m(found, drive) < 2.0
+
+
+def test_positions_are_as_sure_as_they_say():
+    """Of white errors, as stated, though odometry is better than usual."""
+    scores = []
+    for seed in range(4):
+        drive = fusion_outliers.simulate(seed, wrong=0.0)
+        scores.append(fusion_outliers.consistency(fusion_outliers.ours(drive), drive)[0])
+    assert 0.6 < np.mean(scores) < 1.6
+
+
+@pytest.mark.parametrize("share", [0.0, 0.15])
+def test_without_odometry_it_is_not_worse_than_lines_between_fixes(share):
+    drive = fusion_outliers.without_odometry(share)(1)
+    errors = [
+        fusion_outliers.error(way(drive), drive) for way in (fusion_outliers.ours, fusion_outliers.lines)
+    ]
+    assert errors[0] < errors[1]
 
 
 def test_a_receiver_that_starts_far_off_does_not_bend_the_way():
@@ -115,8 +189,8 @@ def test_a_receiver_that_starts_far_off_does_not_bend_the_way():
 
 
 def test_too_few_fixes_to_find_the_outlier():
-    drive = Drive(4, nodes=200, every=20)
-    assert fuse(odometry_of(drive), {"gps": gps_of(drive, stated_m=0.5)}).fit.stated == {}
+    drive = Drive(4, nodes=120, every=20)
+    assert fuse(odometry_of(drive), {"gps": gps_of(drive, stated_m=0.5)}).fit.stated == {"gps": 1.0}
 
 
 def test_wheels_that_skid_are_noticed():
@@ -151,14 +225,17 @@ def test_fixes_without_covariance_and_impossible_ones_get_the_usual_one():
     assert usual.poses.latlon == pytest.approx(result.poses.latlon, abs=1e-12)
 
 
-def test_many_fixes_of_one_receiver_count_as_few():
+def test_many_correlated_fixes_of_one_receiver_count_as_few():
     """Their common error does not average out."""
-    spread = {
-        every: fuse(odometry_of(d), {"gps": gps_of(d)}).poses.covariance_m2[120, 0]
-        for every in (1, 40)
-        for d in [Drive(7, every=every)]
-    }
-    assert spread[1] > 0.25 * spread[40]
+    drive = Drive(7, nodes=600, every=1)
+    rng, kept, off = np.random.default_rng(7), np.exp(-0.5 / 20.0), np.zeros((600, 2))
+    for i in range(600):
+        off[i] = kept * off[i - 1] + rng.normal(0, 2.0 * (1 - kept**2) ** 0.5, 2)
+    drive.measured = drive.truth + off
+    found = fuse(odometry_of(drive), {"gps": gps_of(drive)})
+    assert [one.correlated_s for one in found.fit.sources] == [20.0]
+    few = fuse(odometry_of(drive), {"gps": gps_of(drive).take(slice(0, None, 40))})
+    assert found.poses.covariance_m2[300, 0] > 0.25 * few.poses.covariance_m2[300, 0]
 
 
 def test_from_piece_to_piece_nobody_travelled():
@@ -219,5 +296,10 @@ def test_a_long_track_is_thinned_and_keeps_its_movement(monkeypatch):
 
 
 def test_one_pose_of_odometry_is_none():
+    """Then there are poses between the fixes, as without odometry."""
     drive = Drive(1)
-    assert len(fuse(odometry_of(drive).take(slice(0, 1)), {"visual": gps_of(drive)}).poses) == len(drive.node)
+    found = fuse(odometry_of(drive).take(slice(0, 1)), {"visual": gps_of(drive)})
+    assert np.isin(drive.steps.times_s[drive.node] + BEGUN_S, found.poses.times_s).all()
+    between = (len(drive.node) - 1) * fusion.POSES_BETWEEN
+    assert len(found.poses) == len(drive.node) + between
+    assert found.fit.odometry == 1.0

@@ -7,8 +7,8 @@ import pytest
 
 from tests.missions.core.simulated import Drive, rmse
 from webapp.missions.core.trajectory.motion import Noise
-from webapp.missions.core.trajectory.outliers import find_outliers
-from webapp.missions.core.trajectory.smoother import smooth
+from webapp.missions.core.trajectory.outliers import explain
+from webapp.missions.core.trajectory.smoother import OutlierLabels, smooth
 
 GOOD = Noise(
     forward=0.02, sideways=0.01, heading=0.002, turning=0.01, scale=0.01, turn_scale=0.01, curve=3e-4
@@ -26,33 +26,63 @@ def spoiled(drive: Drive, *, share: float) -> np.ndarray:
     return wrong
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_quarter_of_the_fixes_is_wrong(seed):
+def explained(drive: Drive, *, steps=None):
+    """Explain the fixes of a drive."""
+    source = np.full(len(drive.node), "gps")
+    return explain(steps or drive.steps, drive.fixes, source=source, usual=Noise())
+
+
+@pytest.mark.parametrize(("seed", "share"), [(1, 0.25), (2, 0.25), (3, 0.4)])
+def test_a_quarter_of_the_fixes_is_wrong_or_more(seed, share):
     drive = Drive(seed, nodes=800, every=20, noise=GOOD)
-    wrong = spoiled(drive, share=0.25)
-    judged = find_outliers(drive.steps, drive.fixes, noise=Noise())
-    assert judged is not None
-    assert (judged.weight == 0.0).tolist() == wrong.tolist()
-    assert judged.begins_s == (0.0,)
-    found = smooth(drive.steps, drive.fixes, noise=GOOD, judged=judged)
-    assert rmse(found.state[:, :2], drive.truth) < 2.5
-    off = np.hypot(*(drive.measured - found.expected).T)
+    wrong = spoiled(drive, share=share)
+    found = explained(drive)
+    assert (found.weight == 0.0).tolist() == wrong.tolist()
+    assert found.begins_s == (0.0,)
+    assert found.factors.stated[0] < 1.5
+    judged = OutlierLabels(found.weight, found.begins_s)
+    track = smooth(drive.steps, drive.fixes, noise=GOOD, judged=judged)
+    assert rmse(track.state[:, :2], drive.truth) < 2.5
+    off = np.hypot(*(drive.measured - track.expected).T)
     assert (off[wrong] > 15.0).all()
 
 
 def test_good_fixes_are_all_used():
     drive = Drive(5, nodes=800, every=20, noise=GOOD)
-    judged = find_outliers(drive.steps, drive.fixes, noise=Noise())
-    assert (judged.weight == 1.0).all()
+    found = explained(drive)
+    assert (found.weight == 1.0).all()
+    assert found.factors.motion < 0.6  # the noise is a fifth to a half of the usual one
+    assert not found.shifted
 
 
-def test_who_was_carried_begins_a_new_piece():
+@pytest.mark.parametrize("turned", [0.0, 1.2])
+def test_who_was_carried_begins_a_new_piece(turned):
     drive = Drive(6, nodes=800, every=20, noise=GOOD)
     later = drive.node >= 400
-    drive.measured[later] += (300.0, -200.0)
-    judged = find_outliers(drive.steps, drive.fixes, noise=Noise())
-    assert (judged.weight == 1.0).all()
-    assert judged.begins_s == (0.0, 200.0)
+    about = drive.truth[400]
+    turn = np.array([[np.cos(turned), -np.sin(turned)], [np.sin(turned), np.cos(turned)]])
+    drive.measured[later] = (drive.measured[later] - about) @ turn.T + about + (300.0, -200.0)
+    found = explained(drive)
+    assert (found.weight == 1.0).all()
+    assert found.begins_s == (0.0, 200.0)
+
+
+def test_a_receiver_that_is_shifted_for_a_minute_and_returns_was_not_carried():
+    drive = Drive(6, nodes=800, every=10, noise=GOOD)
+    during = slice(40, 52)
+    drive.measured[during] += (14.0, -8.0)
+    found = explained(drive)
+    assert [run.tolist() for run in found.shifted] == [list(range(40, 52))]
+    assert np.flatnonzero(found.weight == 0.0).tolist() == list(range(40, 52))
+    assert found.begins_s == (0.0,)
+
+
+def test_a_wrong_start_is_no_piece():
+    drive = Drive(8, nodes=800, every=10, noise=GOOD)
+    drive.measured[:6] += (-30.0, 25.0)
+    found = explained(drive)
+    assert np.flatnonzero(found.weight == 0.0).tolist() == list(range(6))
+    assert found.begins_s == (0.0,)
 
 
 def test_without_odometry_the_speed_is_the_limit():
@@ -60,6 +90,6 @@ def test_without_odometry_the_speed_is_the_limit():
     wrong = [5, 6, 20]
     drive.measured[wrong] += (400.0, -300.0)
     steps = replace(drive.steps, moves=np.full_like(drive.moves, np.nan))
-    judged = find_outliers(steps, drive.fixes, noise=Noise())
-    assert np.flatnonzero(judged.weight == 0.0).tolist() == wrong
-    assert judged.begins_s == (0.0,)
+    found = explained(drive, steps=steps)
+    assert np.flatnonzero(found.weight == 0.0).tolist() == wrong
+    assert found.begins_s == (0.0,)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.missions.core.simulated import Drive, nees, rmse
 from webapp.missions.core.trajectory.alignment import start
 from webapp.missions.core.trajectory.motion import Noise, predict
-from webapp.missions.core.trajectory.smoother import log_likelihood, mean_distance_bounds, smooth
+from webapp.missions.core.trajectory.smoother import mean_distance_bounds, smooth
 from webapp.missions.core.trajectory.steps import Fixes, Steps
 
 RUNS = 60
@@ -201,13 +201,6 @@ def test_the_derivative_is_that_of_the_movement(values, move, seconds):
     )
     assert change == pytest.approx(numeric, abs=1e-4)
     assert np.linalg.eigvalsh(added).min() >= -1e-12
-
-
-def test_the_right_noise_is_the_likelier_one():
-    drive = Drive(7, nodes=600)
-    steps, fixes = drive.steps, drive.fixes
-    small = Fixes(fixes.node, fixes.position, fixes.covariance / 25, fixes.share)
-    assert log_likelihood(steps, fixes, noise=Noise()) > log_likelihood(steps, small, noise=Noise())
 
 
 def test_the_progress_callback_can_stop_it():

@@ -10,7 +10,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from tests.missions.core.simulated import Drive
-from tests.missions.core.test_fusion import FRAME, error_m, gps_of, odometry_of
+from tests.missions.core.test_fusion import BEGUN_S, FRAME, error_m, gps_of, odometry_of
 from webapp.errors import Cancelled, NotFound, UsageError
 from webapp.missions.core.trajectory.fusion import Fusion
 from webapp.missions.store import missions, tracks
@@ -115,6 +115,37 @@ def test_what_was_left_out_is_reported_and_kept(library, driven):
     low, high = statistics["expected_between"]
     assert low < 2 < high
     assert fuse.read_report(library, mission_id) == json.loads(json.dumps(report))
+
+
+def test_of_two_receivers_the_one_that_was_too_sure_is_named_with_the_time(library, driven):
+    mission_id, _ = driven
+    drive = Drive(3, every=3)
+    drive.measured += np.random.default_rng(3).normal(0, 9.0, drive.measured.shape)
+    with library.database.write() as session:
+        second = tracks.get_or_create(session, mission_id, source="gps", name="second")
+        tracks.append(session, second, gps_of(drive))
+        ids = [t.id for t in tracks.list_tracks(session, mission_id) if t.source == "gps"]
+    report = run(library, mission_id)
+    (too_sure,) = report["too_sure"]
+    assert (too_sure["source"], too_sure["track"]) == ("gps", ids[1])
+    assert too_sure["factor"] == pytest.approx(4.6, rel=0.35)
+    assert too_sure["since_s"] == BEGUN_S
+    assert [(one["source"], one["track"]) for one in report["fixes"]] == [("gps", id) for id in ids]
+    assert [one["track"] for one in report["gated"] if one["number"] == 20] == [ids[0]]
+
+
+def test_fixes_that_were_off_together_are_reported(library, driven):
+    mission_id, _ = driven
+    drive = Drive(3)
+    drive.measured[30:36] += (40.0, 0.0)
+    with library.database.write() as session:
+        track = next(t for t in tracks.list_tracks(session, mission_id) if t.source == "gps")
+        tracks.clear(session, track)
+        tracks.append(session, track, gps_of(drive))
+    (shifted,) = run(library, mission_id)["shifted"]
+    assert (shifted["source"], shifted["fixes"]) == ("gps", 6)
+    assert (shifted["from_s"], shifted["to_s"]) == (BEGUN_S + 60.0, BEGUN_S + 70.0)
+    assert (shifted["east_m"], shifted["north_m"]) == pytest.approx((40.0, 0.0), abs=4.0)
 
 
 def test_of_thinned_tracks_it_says_so_with_the_largest_error(library, driven):

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -177,6 +178,21 @@ def fuse(mission: int, odometry: int | None, library: Path | None) -> None:
     click.echo(f"{report['poses']} poses from {used if report['odometry'] else 'fixes without odometry'}")
     for one in report["fixes"]:
         click.echo(f"{one['source']}: {one['used']} fixes used, {one['gated']} left out")
+    for one in report["too_sure"]:
+        click.echo(
+            f"{one['source']} (track {one['track']}) was too sure: its errors were {one['factor']:.1f} times "
+            f"what it stated, since {_utc(one['since_s'])}"
+        )
+    for one in report["shifted"]:
+        off_m = math.hypot(one["east_m"], one["north_m"])
+        click.echo(
+            f"{one['source']} (track {one['track']}) was {off_m:.0f} m off from {_utc(one['from_s'])} "
+            f"to {_utc(one['to_s'])}: {one['fixes']} fixes were left out"
+        )
+
+
+def _utc(time_s: float) -> str:
+    return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d %H:%M:%S} UTC"
 
 
 def _form_of(file: Path) -> str:

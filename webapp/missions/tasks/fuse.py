@@ -18,9 +18,9 @@ from sqlalchemy.orm import Session
 from webapp.core.geometry.robust import GATE_2D
 from webapp.errors import NotFound, UsageError
 from webapp.files.atomic import write_text
-from webapp.missions.core.trajectory.fusion import MOST_POSES, Fusion, NoFusion, fuse
+from webapp.missions.core.trajectory.fusion import MOST_POSES, Fusion, GatingResult, NoFusion, fuse
 from webapp.missions.core.trajectory.planned import driven_tracks
-from webapp.missions.core.trajectory.records import Poses, Source, join
+from webapp.missions.core.trajectory.records import Poses, Source
 from webapp.missions.core.trajectory.smoother import mean_distance_bounds
 from webapp.missions.store import missions, tracks
 from webapp.missions.store.schema import Mission, Track
@@ -50,8 +50,10 @@ Write = Callable[[], AbstractContextManager[Session]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceFixes:
-    """All fixes of a source, and the key of each: id of its track and its number there, (m, 2) int64."""
+    """The fixes of a track, and the number of each there, (m,) int64."""
 
+    source: Source
+    track: int
     poses: Poses
     kept: NDArray[np.int64]
 
@@ -147,7 +149,7 @@ def fuse_mission(
         found = [track for track in tracks.list_tracks(session, mission_id) if track.timed]
         moved = _find_odometry(session, mission_id, odometry)
         path = None if moved.used is None else _read(session, moved.used)[0]
-        fixed = {source: f for source in _FIXES if (f := _fixes(session, found, source)) is not None}
+        fixed = {name: one for source in _FIXES for name, one in _fixes(session, found, source).items()}
     progress.size(3)
     progress.note("fusing odometry and fixes")
     fusion = fuse(path, {s: f.poses for s, f in fixed.items()}, check=lambda _: progress.check())
@@ -156,7 +158,7 @@ def fuse_mission(
             fusion.reason, where=f"mission {mission_id}", hint="send GPS positions, or photos to be localized"
         )
     progress.advance(2)
-    gated = [one for source, fixes in fixed.items() for one in _gated(fusion, source, fixes)]
+    gated = [one for name, fixes in fixed.items() for one in _gated(fusion.gating[name], fixes)]
     report = _report(fusion, fixed, odometry=moved.used)
     report |= {"gated": sorted(gated, key=lambda one: one["time_s"])[:MOST_TOLD]}
     report |= {"others": [track.id for track in moved.others], "planned": [t.id for t in moved.planned]}
@@ -223,34 +225,52 @@ def _read(session: Session, track: Track) -> tuple[Poses, NDArray[np.int64]]:
     return tracks.at(session, track, numbers.tolist()), numbers
 
 
-def _fixes(session: Session, found: list[Track], source: Source) -> SourceFixes | None:
-    parts = [(track.id, *_read(session, track)) for track in found if track.source == source and track.poses]
-    if not parts:
-        return None
-    kept = [np.column_stack([np.full(len(numbers), id), numbers]) for id, _, numbers in parts]
-    return SourceFixes(join([poses for _, poses, _ in parts]), np.vstack(kept))
+def _fixes(session: Session, found: list[Track], source: Source) -> dict[str, SourceFixes]:
+    """Read the fixes of a source; of several receivers or cameras, each has a name of its own."""
+    mine = [track for track in found if track.source == source and track.poses]
+    return {
+        source if len(mine) == 1 else f"{source} {track.id}": SourceFixes(
+            source, track.id, *_read(session, track)
+        )
+        for track in mine
+    }
 
 
-def _report(fusion: Fusion, fixed: Mapping[Source, SourceFixes], *, odometry: Track | None) -> dict[str, Any]:
+def _report(fusion: Fusion, fixed: Mapping[str, SourceFixes], *, odometry: Track | None) -> dict[str, Any]:
+    fit = fusion.fit
     return {
         "odometry": None if odometry is None else odometry.id,
         "odometry_name": None if odometry is None else odometry.name,
         "poses": len(fusion.poses),
-        "errors": {
-            "odometry": fusion.fit.odometry,
-            "receiver": fusion.fit.stated.get("gps", 1.0),
-            "stated": dict(fusion.fit.stated),
-        },
+        "errors": {"odometry": fit.odometry, "receiver": fit.stated.get("gps", 1.0), "stated": fit.stated},
+        "too_sure": [
+            {**_named(fixed[one.source]), "factor": one.factor, "since_s": one.since_s}
+            for one in fit.too_sure
+        ],
+        "shifted": [
+            {
+                **_named(fixed[one.source]),
+                "from_s": one.begin_s,
+                "to_s": one.end_s,
+                "fixes": one.fixes,
+                "east_m": one.east_m,
+                "north_m": one.north_m,
+            }
+            for one in fusion.shifts
+        ],
         "pieces": list(fusion.begins_s),
-        "fixes": [_statistics(fusion, source) for source in fixed],
+        "fixes": [_statistics(fusion.gating[name], one) for name, one in fixed.items()],
     }
 
 
-def _statistics(fusion: Fusion, source: Source) -> dict[str, Any]:
-    gating = fusion.gating[source]
+def _named(fixes: SourceFixes) -> dict[str, Any]:
+    return {"source": fixes.source, "track": fixes.track}
+
+
+def _statistics(gating: GatingResult, fixes: SourceFixes) -> dict[str, Any]:
     used = int((~gating.gated).sum())
     return {
-        "source": source,
+        **_named(fixes),
         "used": used,
         "gated": int(gating.gated.sum()),
         "mean_distance": gating.mean_distance if used else None,
@@ -258,21 +278,18 @@ def _statistics(fusion: Fusion, source: Source) -> dict[str, Any]:
     }
 
 
-def _gated(fusion: Fusion, source: Source, fixes: SourceFixes) -> list[dict[str, Any]]:
-    gating = fusion.gating[source]
+def _gated(gating: GatingResult, fixes: SourceFixes) -> list[dict[str, Any]]:
     rejected = []
     for at in np.flatnonzero(gating.gated).tolist():
         number = int(gating.number[at])
-        track_id, kept = fixes.kept[number].tolist()
         off, distance = float(gating.innovation_m[at]), float(gating.distance[at])
         most = off * math.sqrt(GATE_2D / distance)
         lat, lon = fixes.poses.latlon[number].tolist()
         expected_lat, expected_lon = gating.expected[at].tolist()
         rejected.append(
             {
-                "source": source,
-                "track": track_id,
-                "number": kept,
+                **_named(fixes),
+                "number": int(fixes.kept[number]),
                 "time_s": float(fixes.poses.times_s[number]),
                 "lat": lat,
                 "lon": lon,
@@ -280,11 +297,16 @@ def _gated(fusion: Fusion, source: Source, fixes: SourceFixes) -> list[dict[str,
                 "off_m": off,
                 "most_m": most,
                 "distance": distance,
-                "reason": f"{off:.1f} m from where it was expected; only one good fix in a thousand is more "
-                f"than {most:.1f} m off",
+                "reason": f"{off:.1f} m from where it was expected; {_why(off, most)}",
             }
         )
     return rejected
+
+
+def _why(off: float, most: float) -> str:
+    if off > most:
+        return f"only one good fix in a thousand is more than {most:.1f} m off"
+    return "by all fixes together, it is more probably wrong, or off like those around it"
 
 
 def _mark_photos(session: Session, mission_id: int, gated: list[dict[str, Any]]) -> None:

@@ -110,6 +110,7 @@ class StatisticsOfFixesOut(Schema):
     """Statistics of the fixes of a source."""
 
     source = String()
+    track = Integer(metadata={"description": "Id of their track: a receiver or a camera."})
     used = Integer()
     gated = Integer(metadata={"description": "Number of fixes left out."})
     mean_distance = Float(
@@ -121,6 +122,27 @@ class StatisticsOfFixesOut(Schema):
         allow_none=True,
         metadata={"description": "In 95 % of the cases, were all fixes independent."},
     )
+
+
+class TooSureOut(Schema):
+    """A source whose errors were larger than it stated."""
+
+    source = String()
+    track = Integer()
+    factor = Float(metadata={"description": "Its errors by the stated standard deviations."})
+    since_s = Float(metadata={"description": "Time of the first fix of which this is true, Unix seconds."})
+
+
+class ShiftedOut(Schema):
+    """Consecutive fixes that were off by a common vector, and left out."""
+
+    source = String()
+    track = Integer()
+    from_s = Float(metadata={"description": "Time of the first one, Unix seconds."})
+    to_s = Float(metadata={"description": "Time of the last one."})
+    fixes = Integer(metadata={"description": "How many."})
+    east_m = Float(metadata={"description": "Mean of how far they are off, metres east."})
+    north_m = Float(metadata={"description": "Metres north."})
 
 
 class FusionOut(Schema):
@@ -138,6 +160,8 @@ class FusionOut(Schema):
             "of each source; more than 1: it was too sure. `receiver` is that of `gps`."
         }
     )
+    too_sure = List(Nested(TooSureOut), metadata={"description": "Sources with larger errors than stated."})
+    shifted = List(Nested(ShiftedOut))
     pieces = List(
         Float(), metadata={"description": "When each piece begins; the robot was carried in between."}
     )

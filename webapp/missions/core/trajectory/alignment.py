@@ -8,7 +8,7 @@ the closed form of S. Umeyama, IEEE PAMI 13, 1991, in the plane).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,10 +70,12 @@ def start(steps: Steps, fixes: Fixes, *, begin: int, noise: Noise) -> InitialSta
     if inside.size >= 3:
         seen = fixes.take(inside)
         way = path(steps, first, last=int(seen.node[-1]))[seen.node - first]
-        drift = _drift(steps, first, last=int(seen.node[-1]), noise=noise)[seen.node - first]
+        begun = int(seen.node[0])
+        drift = _drift(steps, begun, last=int(seen.node[-1]), noise=noise)[seen.node - begun]
         aligned = _aligned(way, seen.position, variance=spread[inside] ** 2 + drift**2)
     if aligned is None:
         return found
+    aligned = _before(aligned, steps, range(first, int(fixes.node[inside[0]])), noise=noise)
     found.state[HEADING] = aligned.heading
     found.covariance[HEADING, HEADING] = aligned.heading_variance
     if first > begin:  # the odometry begins later: only the heading can be used
@@ -82,6 +84,19 @@ def start(steps: Steps, fixes: Fixes, *, begin: int, noise: Noise) -> InitialSta
     agrees = np.zeros(len(fixes), dtype=bool)
     agrees[inside[aligned.agrees]] = True
     return InitialState(found.state, found.covariance, agrees)
+
+
+def _before(aligned: _Alignment, steps: Steps, nodes: range, *, noise: Noise) -> _Alignment:
+    """Add the uncertainty of dead reckoning before the first fix."""
+    way = float(_reach(steps, nodes.start, last=nodes.stop, noise=noise)[-1])
+    drift = float(_drift(steps, nodes.start, last=nodes.stop, noise=noise)[-1])
+    turned = float(np.abs(steps.moves[nodes.start + 1 : nodes.stop + 1, 2]).sum())
+    bent = (noise.curve * way) ** 2 + (noise.turn_scale * turned) ** 2 + noise.heading**2 * way
+    return replace(
+        aligned,
+        at_variance=aligned.at_variance + drift**2,
+        heading_variance=aligned.heading_variance + bent,
+    )
 
 
 def _place(found: InitialState, aligned: _Alignment) -> None:

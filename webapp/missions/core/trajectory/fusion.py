@@ -3,47 +3,29 @@
 An extended Kalman filter with innovation gating and an RTS smoother (H. Rauch, F. Tung, C. Striebel, "Maximum
 likelihood estimates of linear dynamic systems", AIAA Journal 3, 1965); see `smoother.py`.
 
-The noise of odometry and of each source of fixes is estimated from the track itself. Robots differ: the
-odometry of wheels that skid in turns is several times worse than that of rolling wheels. Receivers know their
-noise but not their multipath errors; many send the dilution of precision instead of a variance; a camera may
-be sure of a wrong place. So each fix is predicted from the ones before under several assumptions, and the one
-under which the fixes are most likely is chosen (F. Schweppe, "Evaluation of likelihood functions for Gaussian
-signals", IEEE Transactions on Information Theory 11, 1965). All sources are estimated together: one that
-states too little would otherwise make the others look noisy.
+The noise of odometry and of each source of fixes is estimated from the track itself, together with the wrong
+fixes; see `outliers.py`. Robots differ: the odometry of wheels that skid in turns is several times worse than
+that of rolling wheels. Receivers know their noise but not their multipath errors; many send the dilution of
+precision instead of a variance; a camera may be sure of a wrong place.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from itertools import product
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.geo.local import LocalFrame, centre_of
 from webapp.missions.core.trajectory.motion import HEADING, POSITION, VELOCITY, Noise
-from webapp.missions.core.trajectory.outliers import LEADING, find_outliers
-from webapp.missions.core.trajectory.records import Poses, Source, join, make_poses
-from webapp.missions.core.trajectory.smoother import OutlierLabels, SmoothedTrack, log_likelihood, smooth
+from webapp.missions.core.trajectory.outliers import Explanation, explain, kind, scaled
+from webapp.missions.core.trajectory.records import Poses, join, make_poses
+from webapp.missions.core.trajectory.smoother import OutlierLabels, SmoothedTrack, smooth
 from webapp.missions.core.trajectory.steps import DeadReckoning, Fixes, Floats, Steps, make_steps
 
-_ODOMETRY = (0.25, 0.5, 1.0, 2.0, 4.0)
-"""Factors on the usual errors of odometry."""
-
-_STATED: Mapping[Source, tuple[float, ...]] = {"gps": (1.0, 2.0, 4.0), "visual": (1.0, 2.0, 4.0, 8.0)}
-"""Factors on the stated standard deviations of a source: none below 1, as none is better than it states.
-
-Positions set by hand are believed."""
-
-_MOTION = (1 / 8, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
-"""Factors on the usual velocity, for a track without odometry."""
-
-_FIRST = (1.0, 2.0)
-"""Factors on the odometry under which several sources are compared, before its own factor is refined."""
-
-DEFAULT_SIGMA_M: Mapping[Source, float] = {"gps": 5.0, "visual": 5.0, "manual": 2.0}
+DEFAULT_SIGMA_M: Mapping[str, float] = {"gps": 5.0, "visual": 5.0, "manual": 2.0}
 """Standard deviation per axis of fixes without a covariance, by their source."""
 
 MIN_SIGMA_M = 0.02
@@ -53,99 +35,64 @@ MOST_POSES = 100_000
 """A longer track is sampled evenly to this number of poses; odometry keeps the whole motion between them."""
 
 SAMPLE = 500
-"""Fixes per source from which the noise is estimated, with four times as many poses of odometry."""
+"""Number of poses of odometry, besides those at fixes, with which fixes are explained."""
 
-MOST_JUDGED = 2000
-"""Largest number of fixes that are judged by the whole track."""
+MOST_EXPLAINED = 240
+"""Largest number of fixes that are explained together; of more, a sample, and the filter gates the others."""
 
-WORSE = 2.0
-"""Factor on the usual errors of odometry while outliers are searched before its noise is known."""
+PAIR_S = 5.0
+"""Time between the two fixes of a pair in that sample."""
 
-LEAST_SAMPLE = 8
-"""Least number of fixes from which the noise is estimated."""
+BETWEEN_S, POSES_BETWEEN = 60.0, 4
+"""Without odometry, fixes at most so many seconds apart get so many poses between them."""
 
-CORRELATION_TIME_S = 20.0
-"""Correlation time of a receiver's errors, from the same satellites and reflections: fixes within it count as
-one measurement."""
+TOO_SURE = 1.5
+"""A source whose errors exceed the stated ones by this factor is reported."""
 
 LEAST_SPEED_MPS = 0.3
 """Without odometry, the course is the heading where the speed exceeds this and its standard deviation."""
 
 
 @dataclass(frozen=True, slots=True)
-class _NoiseFit:
-    """Factors on the assumed standard deviations."""
+class SourceNoise:
+    """Errors of a source, from a time on."""
 
-    odometry: float = 1.0
-    stated: Mapping[Source, float] = field(default_factory=dict)  # By source; 1 where it is missing
-    motion: float = 1.0  # On the velocity, of a track without odometry
-
-    def noise(self, usual: Noise) -> Noise:
-        """Return the scaled noise of the odometry."""
-        by = self.odometry
-        return replace(
-            usual,
-            forward=usual.forward * by,
-            sideways=usual.sideways * by,
-            heading=usual.heading * by,
-            turning=usual.turning * by,
-            scale=usual.scale * by,
-            turn_scale=usual.turn_scale * by,
-            curve=usual.curve * by,
-            velocity=usual.velocity * self.motion,
-        )
-
-    def fixes(self, stated: Fixes, *, source: NDArray[np.str_]) -> Fixes:
-        """Return the fixes with scaled covariances.
-
-        Args:
-            source: (m,) str. Where each came from.
-        """
-        by = np.ones(len(stated))
-        for name, factor in self.stated.items():
-            by[source == name] = factor**2
-        return replace(stated, covariance=stated.covariance * by[:, None, None])
+    source: str  # A key of the given fixes
+    since_s: float
+    factor: float  # On the stated standard deviations
+    correlated_s: float  # Correlation time of the errors
 
 
-def _fit_noise(
-    steps: Steps,
-    fixes: Fixes,
-    *,
-    source: NDArray[np.str_],
-    usual: Noise,
-    judged: Callable[[Fixes, _NoiseFit], OutlierLabels | None] = lambda *_: None,
-) -> _NoiseFit:
-    """Estimate the noise of the odometry and of each source of fixes.
+@dataclass(frozen=True, slots=True)
+class NoiseFit:
+    """Estimated noise."""
 
-    Args:
-        steps, fixes: A sample of the track is enough: it is filtered once for each assumption.
-        source: (m,) str. Where each fix came from.
-        judged: Finds outliers under assumed covariances and motion, as they are no evidence of a noisy
-            source. The judgement is used if it makes the fixes likelier.
-    """
-    present = [name for name in _STATED if (source == name).any()]
-    stated = [dict(zip(present, by, strict=True)) for by in product(*(_STATED[name] for name in present))]
-    scaled = [_NoiseFit(stated=one).fixes(fixes, source=source) for one in stated]
-    reckoned = bool(np.isfinite(steps.moves).any())
-    judgements: dict[tuple[float, int], OutlierLabels | None] = {}
+    odometry: float  # Factor on the usual standard deviations; 1 without odometry
+    sources: tuple[SourceNoise, ...]  # Ordered by source and time
 
-    def likelihood(by: float, which: int) -> float:
-        assumed = _NoiseFit(by) if reckoned else _NoiseFit(motion=by)
-        at = (1.0 if reckoned else by, which)
-        if at not in judgements:
-            judgements[at] = judged(scaled[which], _NoiseFit(motion=at[0]))
-        return max(
-            log_likelihood(steps, scaled[which], noise=assumed.noise(usual), judged=judgement)
-            for judgement in (None, judgements[at])
-        )
+    @property
+    def stated(self) -> dict[str, float]:
+        """Largest factor of each source."""
+        return {
+            one.source: max(s.factor for s in self.sources if s.source == one.source) for one in self.sources
+        }
 
-    every = _ODOMETRY if reckoned else _MOTION
-    first = every if len(present) < 2 or not reckoned else [one for one in every if one in _FIRST]
-    found = {pair: likelihood(*pair) for pair in product(first, range(len(stated)))}
-    best = max(found, key=lambda pair: found[pair])[1]
-    found |= {(by, best): likelihood(by, best) for by in every if (by, best) not in found}
-    by, which = max(found, key=lambda pair: found[pair])
-    return _NoiseFit(by, stated[which]) if reckoned else _NoiseFit(1.0, stated[which], by)
+    @property
+    def too_sure(self) -> list[SourceNoise]:
+        """Sources with larger errors than stated, and since when."""
+        return [one for one in self.sources if one.factor >= TOO_SURE]
+
+
+@dataclass(frozen=True, slots=True)
+class Shift:
+    """Consecutive fixes of a source that were off by a common vector, and were left out."""
+
+    source: str
+    begin_s: float
+    end_s: float
+    fixes: int
+    east_m: float  # Mean
+    north_m: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,10 +119,11 @@ class Fusion:
     """A fused track."""
 
     poses: Poses  # At each time of the odometry and of the fixes
-    gating: dict[Source, GatingResult]
+    gating: dict[str, GatingResult]
     # Start time of each piece: that of the track, and of each jump to another position.
     begins_s: tuple[float, ...]
-    fit: _NoiseFit  # Factors on the noise of odometry and sources, estimated from this track
+    fit: NoiseFit
+    shifts: tuple[Shift, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,7 +139,7 @@ class NoFusion:
 
 def fuse(
     odometry: Poses | None,
-    fixes: Mapping[Source, Poses],
+    fixes: Mapping[str, Poses],
     *,
     noise: Noise | None = None,
     check: Callable[[int], None] = lambda _: None,
@@ -200,7 +148,8 @@ def fuse(
 
     Args:
         odometry: Only its relative motion is used, not its origin nor its covariance.
-        fixes: Their covariances are used where known.
+        fixes: By source: `gps`, `visual` or `manual`; of several receivers or cameras, each with a name after
+            that and a space, `gps 12`. Their covariances are used where known.
         check: Called now and then with the number of nodes done; an exception that it raises cancels the
             fusion.
     """
@@ -210,11 +159,16 @@ def fuse(
     every = _all_fixes(tracks, most=MOST_POSES)
     frame = LocalFrame(centre_of(every.poses.latlon))
     usual = noise or Noise()
-    found = _fit(odometry, tracks, frame=frame, usual=usual, check=check)
+    sample = _sample(every)
+    found = _explained(odometry, every.take(sample), frame=frame, usual=usual, check=check)
     steps, stated = _filter_inputs(odometry, every, frame=frame, most=MOST_POSES)
-    measured = found.fixes(stated, source=every.source)
-    judged = _judged(odometry, every, found, frame=frame, usual=usual, check=check)
-    done = smooth(steps, measured, noise=found.noise(usual), judged=judged, check=check)
+    assumed = _assumed(every, sample, found)
+    measured = replace(
+        stated, covariance=stated.covariance * assumed.factor[:, None, None] ** 2, share=assumed.share
+    )
+    noise = scaled(usual, found.factors, reckoned=odometry is not None)
+    judged = OutlierLabels(assumed.weight, found.begins_s)
+    done = smooth(steps, measured, noise=noise, judged=judged, check=check)
     poses = _poses(steps, done, frame=frame, height_m=_heights(every, steps.times_s, done.gated))
     expected = frame.latlon_from_enu(done.expected)
     innovation_m = np.hypot(*(measured.position - done.expected).T)
@@ -225,65 +179,98 @@ def fuse(
         for source in tracks
         for mine in [every.source == source]
     }
-    return Fusion(poses, gating, tuple(steps.times_s[list(done.begins)].tolist()), found)
+    fit = NoiseFit(
+        1.0 if odometry is None else found.factors.motion, _source_noise(every.take(sample), found)
+    )
+    off = measured.position - done.state[measured.node, POSITION]
+    shifts = tuple(_shift(every, off, sample[members]) for members in found.shifted)
+    return Fusion(poses, gating, tuple(steps.times_s[list(done.begins)].tolist()), fit, shifts)
 
 
-def _fit(
-    odometry: Poses | None,
-    tracks: Mapping[Source, Poses],
-    *,
-    frame: LocalFrame,
-    usual: Noise,
-    check: Callable[[int], None],
-) -> _NoiseFit:
-    """Estimate the noise of odometry and sources, from fixes with independent errors."""
-    apart = {source: _decorrelated(poses) if source == "gps" else poses for source, poses in tracks.items()}
-    sample = _all_fixes(apart, most=SAMPLE)
-    if len(sample.number) < LEAST_SAMPLE:
-        return _NoiseFit()
-    steps, fixes = _filter_inputs(odometry, sample, frame=frame, most=4 * SAMPLE)
-    coarse, _ = _filter_inputs(odometry, sample, frame=frame, most=SAMPLE)
-    nodes = np.searchsorted(coarse.times_s, sample.poses.times_s)
+def _sample(every: _AllFixes) -> NDArray[np.intp]:
+    """Return the indices of the fixes to explain: all, or of each source as many as of the others.
 
-    def judged(assumed: Fixes, found: _NoiseFit) -> OutlierLabels | None:
-        worse = replace(found, odometry=WORSE).noise(usual)
-        return find_outliers(coarse, replace(assumed, node=nodes), noise=worse, check=check)
-
-    return _fit_noise(steps, fixes, source=sample.source, usual=usual, judged=judged)
+    Of too many, pairs are taken, evenly spaced; the second of a pair follows soon enough to show whether
+    errors are correlated.
+    """
+    names, times = np.unique(every.source), every.poses.times_s
+    most, chosen = MOST_EXPLAINED // len(names), []
+    for name in names:
+        mine = np.flatnonzero(every.source == name)
+        if len(mine) > most:
+            first = np.linspace(0, len(mine) - 1, max(1, most // 2)).astype(np.intp)
+            second = np.searchsorted(times[mine], times[mine[first]] + PAIR_S)
+            mine = mine[np.union1d(first, np.minimum(second, len(mine) - 1))]
+        chosen.append(mine)
+    return np.sort(np.concatenate(chosen))
 
 
-def _judged(
+def _explained(
     odometry: Poses | None,
     every: _AllFixes,
-    found: _NoiseFit,
     *,
     frame: LocalFrame,
     usual: Noise,
     check: Callable[[int], None],
-) -> OutlierLabels | None:
-    """Judge the fixes by the whole track; of too many, a sample, and the filter judges the others.
+) -> Explanation:
+    steps, fixes = _filter_inputs(odometry, every, frame=frame, most=SAMPLE)
+    return explain(steps, fixes, source=every.source, usual=usual, check=check)
 
-    None where the filter alone explains the fixes better, for instance if odometry drift bends the path.
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Assumed:
+    """What the filter assumes of each fix."""
+
+    weight: Floats  # (m,): as in `OutlierLabels`
+    factor: Floats  # (m,): on the standard deviation
+    share: Floats  # (m,): as in `Fixes`
+
+
+def _assumed(every: _AllFixes, sample: NDArray[np.intp], found: Explanation) -> _Assumed:
+    """Extend the explanation of a sample to all fixes.
+
+    Of n consecutive measurements with correlation rho from one to the next, n (1 - rho) / (1 + rho) count
+    (M. Bartlett, "On the theoretical specification and sampling properties of autocorrelated time-series",
+    Journal of the Royal Statistical Society 8, 1946).
     """
-    chosen = np.linspace(0, len(every.number) - 1, min(len(every.number), MOST_JUDGED)).astype(np.intp)
-    some = _AllFixes(every.poses.take(chosen), every.source[chosen], every.number[chosen])
-    steps, stated = _filter_inputs(odometry, some, frame=frame, most=SAMPLE)
-    measured = found.fixes(stated, source=some.source)
-    noise = found.noise(usual)
-    judged = find_outliers(steps, measured, noise=noise, leading=LEADING, check=check)
-    by_itself = log_likelihood(steps, measured, noise=noise)
-    if judged is None or log_likelihood(steps, measured, noise=noise, judged=judged) < by_itself:
-        return None
-    weight = np.full(len(every.number), np.nan)
-    weight[chosen] = judged.weight
-    return OutlierLabels(weight, judged.begins_s)
+    m, times = len(every.number), every.poses.times_s
+    weight, factor, share = np.full(m, np.nan), np.ones(m), np.ones(m)
+    for name in np.unique(every.source):
+        mine = np.flatnonzero(every.source == name)
+        of_sample = np.flatnonzero(every.source[sample] == name)
+        at = np.searchsorted(times[sample[of_sample]], times[mine], side="right") - 1
+        group = found.group[of_sample[np.maximum(at, 0)]]
+        factor[mine] = np.array(found.factors.stated)[group]
+        memory_s = np.maximum(np.array(found.factors.correlated_s)[group], 1e-9)
+        like = np.exp(-np.diff(times[mine], prepend=-np.inf) / memory_s)
+        share[mine] = np.maximum((1 - like) / (1 + like), 1e-3)
+    for members in found.shifted:
+        run = sample[members]
+        same = np.isin(every.source, every.source[run])
+        weight[same & (times >= times[run[0]]) & (times <= times[run[-1]])] = 0.0
+    weight[sample] = found.weight
+    return _Assumed(weight, factor, share)
 
 
-def _decorrelated(poses: Poses) -> Poses:
-    """Return one fix per correlation time, so that their errors are independent."""
-    order = np.argsort(poses.times_s, kind="stable")
-    turn = np.floor((poses.times_s[order] - poses.times_s[order[0]]) / CORRELATION_TIME_S)
-    return poses.take(order[np.unique(turn, return_index=True)[1]])
+def _source_noise(every: _AllFixes, found: Explanation) -> tuple[SourceNoise, ...]:
+    groups, first = np.unique(found.group, return_index=True)
+    noise = [
+        SourceNoise(
+            str(every.source[at]),
+            float(every.poses.times_s[at]),
+            found.factors.stated[group],
+            found.factors.correlated_s[group],
+        )
+        for group, at in zip(groups.tolist(), first.tolist(), strict=True)
+    ]
+    return tuple(sorted(noise, key=lambda one: (one.source, one.since_s)))
+
+
+def _shift(every: _AllFixes, off: Floats, run: NDArray[np.intp]) -> Shift:
+    times = every.poses.times_s[run]
+    east, north = off[run].mean(axis=0).tolist()
+    source = str(every.source[run[0]])
+    return Shift(source, float(times[0]), float(times[-1]), len(run), east, north)
 
 
 def _filter_inputs(
@@ -292,14 +279,25 @@ def _filter_inputs(
     """Convert odometry and fixes into steps and measurements in a local plane."""
     odometry_path = None if odometry is None else _dead_reckoning(odometry, most)
     times = every.poses.times_s
-    nodes = np.unique(times if odometry_path is None else np.concatenate([times, odometry_path.times_s]))
+    known = _between(times, most) if odometry_path is None else odometry_path.times_s
+    nodes = np.unique(np.concatenate([times, known]))
     fixes = Fixes(
         np.searchsorted(nodes, times),
         frame.enu_from_latlon(every.poses.latlon),
         _covariances(every),
-        _shares(every),
+        np.ones(len(times)),
     )
     return make_steps(nodes, odometry_path), fixes
+
+
+def _between(times_s: Floats, most: int) -> Floats:
+    """Return times between fixes: without odometry, the way from one to the next is a curve, too."""
+    times = np.unique(times_s)
+    near = np.diff(times) <= BETWEEN_S
+    if (len(times) - 1) * POSES_BETWEEN > most:
+        return times
+    parts = np.linspace(times[:-1][near], times[1:][near], POSES_BETWEEN + 1, endpoint=False)
+    return np.asarray(parts[1:].ravel())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -310,6 +308,10 @@ class _AllFixes:
     source: NDArray[np.str_]
     number: NDArray[np.intp]
 
+    def take(self, chosen: NDArray[np.intp]) -> _AllFixes:
+        """Return some of the fixes."""
+        return _AllFixes(self.poses.take(chosen), self.source[chosen], self.number[chosen])
+
 
 def _in_time(poses: Poses, most: int) -> NDArray[np.intp]:
     """Return the indices of the poses in order of time; of too many, an even sample."""
@@ -318,7 +320,7 @@ def _in_time(poses: Poses, most: int) -> NDArray[np.intp]:
     return order[np.linspace(0, len(order) - 1, count).astype(np.intp)]
 
 
-def _all_fixes(fixes: Mapping[Source, Poses], *, most: int) -> _AllFixes:
+def _all_fixes(fixes: Mapping[str, Poses], *, most: int) -> _AllFixes:
     numbers = [_in_time(poses, most) for poses in fixes.values()]
     poses = join([p.take(n) for p, n in zip(fixes.values(), numbers, strict=True)])
     source = np.repeat(np.array(list(fixes)), [len(n) for n in numbers])
@@ -329,21 +331,12 @@ def _all_fixes(fixes: Mapping[Source, Poses], *, most: int) -> _AllFixes:
 def _covariances(fixes: _AllFixes) -> Floats:
     """Return the covariance of each fix (m, 2, 2): its own, or that of its source."""
     east, north, both = fixes.poses.covariance_m2.T
-    usual = np.array([DEFAULT_SIGMA_M[source] for source in fixes.source.tolist()]) ** 2
+    usual = np.array([DEFAULT_SIGMA_M[kind(source)] for source in fixes.source.tolist()]) ** 2
     stated = (east >= 0) & (north >= 0) & (both**2 <= east * north)
     found = np.empty((len(usual), 2, 2))
     found[:, 0, 0] = np.where(stated, np.maximum(east, MIN_SIGMA_M**2), usual)
     found[:, 1, 1] = np.where(stated, np.maximum(north, MIN_SIGMA_M**2), usual)
     found[:, 0, 1] = found[:, 1, 0] = np.where(stated, both, 0.0)
-    return found
-
-
-def _shares(fixes: _AllFixes) -> Floats:
-    """Weight each fix as a fraction of an independent measurement, by the time since the previous one."""
-    found = np.ones(len(fixes.source))
-    of_gps = fixes.source == "gps"
-    waited = np.diff(fixes.poses.times_s[of_gps], prepend=-np.inf)
-    found[of_gps] = np.clip(waited / CORRELATION_TIME_S, 1e-3, 1.0)
     return found
 
 

@@ -31,15 +31,6 @@ AGREEING = 5
 AGREEING_S = 10.0
 """... over at least this many seconds: for shorter times, multipath often misleads a receiver."""
 
-OUTLIERS = 0.01
-"""Prior fraction of wrong fixes; also the likelihood factor of each piece."""
-
-AFTER_WRONG = 0.5
-"""Prior probability of a wrong fix after another: a receiver that starts or is shadowed errs for a while."""
-
-OUTLIER_RADIUS_M = 100.0
-"""Wrong fixes are modelled as uniform over a disc of this radius."""
-
 LEAST_WEIGHT = 1e-6
 """A fix of less weight is ignored."""
 
@@ -118,34 +109,6 @@ def _compare_with_whole_track(filter: Filter, judged: OutlierLabels) -> None:
         filter.distance[at] = off @ np.linalg.solve(around, off)
 
 
-def log_likelihood(steps: Steps, fixes: Fixes, *, noise: Noise, judged: OutlierLabels | None = None) -> float:
-    """Return the log-likelihood of fixes, each predicted from those before it.
-
-    Outliers are modelled as uniform, so that one costs the same at any distance; their fraction is that of
-    the judgement, if there is one.
-    """
-    filter = Filter(steps, fixes, noise=noise, weight=None if judged is None else judged.weight)
-    ends = None if judged is None else _ends(steps, judged.begins_s)
-    node, pieces = 0, 0
-    while node < len(steps):
-        begun = filter.begun(node)
-        node = filter.forward(node, begun, end=None if ends is None else ends[pieces])
-        pieces += 1
-    density = np.exp(-(filter.distance + filter.log_determinant) / 2) / (2 * math.pi)
-    share: float | Floats = OUTLIERS
-    radius = OUTLIER_RADIUS_M
-    reckoned = bool(np.isfinite(steps.moves).any())
-    if not reckoned:  # a prediction is hardly better than any place on the way
-        radius = max(radius, float(np.hypot(*np.ptp(fixes.position, axis=0))) / 2)
-    if judged is not None:
-        wrong = judged.weight == 0.0
-        density = np.where(wrong, 0.0, density)
-        usual = max(OUTLIERS, float(wrong.mean()))
-        share = np.where(np.append(False, wrong[:-1]) & reckoned, AFTER_WRONG, usual)
-    anywhere = share / (math.pi * radius**2)
-    return float(np.log((1 - share) * density + anywhere).sum() + pieces * math.log(OUTLIERS))
-
-
 class Filter:
     """An extended Kalman filter and smoother, with the arrays of one run.
 
@@ -162,7 +125,7 @@ class Filter:
         self._predicted, self._uncertain = np.empty((n, SIZE)), np.empty((n, SIZE, SIZE))
         self._change = np.empty((n, SIZE, SIZE))
         self.distance, self.gated = np.full(m, np.nan), np.zeros(m, dtype=bool)
-        self.expected, self.log_determinant = np.full((m, 2), np.nan), np.full(m, np.nan)
+        self.expected = np.full((m, 2), np.nan)
 
     def begun(self, node: int) -> InitialState:
         """Estimate the initial state at a node."""
@@ -223,7 +186,6 @@ class Filter:
         around = covariance[POSITION, POSITION] + measured
         self.expected[at] = state[POSITION]
         self.distance[at] = off @ np.linalg.solve(around, off)
-        self.log_determinant[at] = math.log(np.linalg.det(around))
         weight = float(self.weight[at])
         by_distance = math.isnan(weight)
         self.gated[at] = self.distance[at] > GATE_2D if by_distance else weight < LEAST_WEIGHT
