@@ -27,7 +27,7 @@ export function liveBadge(store, isConnected) {
     byId("follow-part").hidden = ended;
   };
   store.on("poses missed", ({ detail: { key, first } }) => {
-    // Times of poses may be old if a recording is replayed; but a whole new track may be an import, and a corrected one was computed.
+    // Times of poses may be old if a recording is replayed; but a further track may be an import, and a corrected one was computed.
     if (!first && store.track(key)?.track.source !== "fused") heard = Date.now();
   });
   store.on("missions grown", render);

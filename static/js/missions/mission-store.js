@@ -154,7 +154,7 @@ export class MissionStore extends EventTarget {
     for (const { new: points, ...received } of tracks) {
       if (known.has(received.id)) Object.assign(known.get(received.id), received);
       else mission.tracks.push(received);
-      if (points.length) this.emit("poses", { key: keyOf(id, received.id), points, first: !known.has(received.id) });
+      if (points.length) this.emit("poses", { key: keyOf(id, received.id), points, first: known.size > 0 && !known.has(received.id) });
     }
     const kept = mission.tracks.filter((track) => left === null || left.includes(track.id));
     const removed = kept.length < mission.tracks.length;

@@ -68,8 +68,8 @@ class EventsQuery(Schema):
 @blueprint.doc(
     description="Each event `changed` has `revision`, `ended_at`, `photos` (how many), `drawings_revision` "
     "(another number: they have changed), `tracks` (the changed ones as in the state, with `new` points), "
-    "`track_ids` (of all: others were removed) and `objects` (the changed ones). Its id is a cursor. The stream ends after a while, or at once where "
-    "many are open: an `EventSource` reconnects by itself.",
+    "`track_ids` (of all: others were removed) and `objects` (the changed ones). Its id is a cursor. The "
+    "stream ends after a while, or at once where many are open: an `EventSource` reconnects by itself.",
     responses=file_answer("Server-sent events.", "text/event-stream"),
 )
 def events(mission_id: int, query: dict[str, Any]) -> Response:
