@@ -7,7 +7,7 @@ const { MissionStore } = await import("../../static/js/missions/mission-store.js
 const { liveBadge } = await import("../../static/js/missions/live-badge.js");
 
 globalThis.HTMLElement = /** @type {*} */ (class {});
-const badge = Object.assign(/** @type {*} */ (new HTMLElement()), { className: "", textContent: "" });
+const badge = Object.assign(/** @type {*} */ (new globalThis.HTMLElement()), { className: "", textContent: "" });
 globalThis.document.getElementById = () => badge;
 
 const OLD_S = 1_000_000;

@@ -79,9 +79,9 @@ function tellImported(results) {
  * @param {Array<{source: string, timed: boolean, poses: number}>} tracks of the mission
  */
 export function fuseQuestion(tracks) {
-  const usable = new Set(tracks.filter(({ timed, poses, source }) => timed && poses && source !== "fused").map(({ source }) => source));
-  const sources = new Intl.ListFormat(locale).format(["odometry", "gps", "visual", "manual"].filter((source) => usable.has(source)).map(sourceName));
-  const does = usable.has("odometry") || usable.size !== 1
+  const known = new Set(tracks.filter(({ timed, poses, source }) => timed && poses && source !== "fused").map(({ source }) => source));
+  const sources = new Intl.ListFormat(locale).format(["odometry", "gps", "visual", "manual"].filter((source) => known.has(source)).map(sourceName));
+  const does = known.has("odometry") || known.size !== 1
     ? t("Combines {sources} into one corrected track.", { sources })
     : t("The only source is {sources}, so correcting smooths the track: it becomes a little shorter and its corners rounder.", { sources });
   const then = t("The cards, the coverage of areas and visitors then use it. The recorded tracks stay, and the corrected one can be removed in the menu (...).");

@@ -197,7 +197,7 @@ def test_the_page_of_missions_knows_where_maps_are_that_may_get_some(
     shown = {role: new_map(owner, name=role, shared={ann: role}) for role in ("editor", "viewer")}
     for slug in shown.values():
         place_image(slug, (50.002, 13.998), (49.998, 14.002))
-    page = sign_in("ann").get("/missions").text
+    page = sign_in(ann).get("/missions").text
     data = json.loads(re.search(r'id="page">(.*?)</script>', page)[1])
     boxes = {one["slug"]: one["box"] for one in data["maps"]}
     assert boxes[shown["editor"]] == pytest.approx([49.998, 13.998, 50.002, 14.002])
