@@ -72,7 +72,7 @@ export const pointsText = (points) => points.map(placeToCopy).join("\n");
  * @returns {{points: Array<[number, number]>, wrong: ?string}} `wrong`: the first line that is not a position
  */
 export function pointsOf(text, before = []) {
-  const exact = new Map(before.map((point) => [placeToCopy(point), point]));
+  const exact = new Map(before.map((point) => /** @type {[string, [number, number]]} */ ([placeToCopy(point), point])));
   const lines = text.split("\n").map((line) => line.trim()).filter(Boolean);
   const points = lines.map((line) => exact.get(line) ?? parsePosition(line));
   return { points, wrong: lines.find((_, n) => !points[n]) ?? null };
