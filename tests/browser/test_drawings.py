@@ -56,7 +56,7 @@ def test_an_area_is_drawn_assigned_and_searched(opened, open_context, mission, a
     expect(bar).to_contain_text("Points: 4")
     bar.get_by_role("button", name="Done").click()
     assert axe.findings(page) == []
-    save(page, "North slope", Assigned_to="Team 2", Radius_in_metres="4")
+    save(page, "North slope", Assigned_to="Team 2", How_far_to_each_side="4")
     area = page.get_by_test_id("drawing")
     expect(area).to_contain_text("Team 2")
     expect(area.get_by_test_id("area-state")).to_have_text("Assigned")

@@ -541,6 +541,9 @@ def test_fusion_asks_which_of_several_odometries_is_meant(page, api, mission, se
     send(*moving)
     page.goto(f"/missions/{mission}")
     page.locator('[data-does="fuse"]').first.click()
+    question = page.get_by_role("dialog", name="Correct the track?")
+    expect(question).to_contain_text("Odometry and GPS")
+    question.get_by_role("button", name="Correct").click()
     dialog = page.get_by_role("dialog", name="Which odometry?")
     options = dialog.get_by_role("option")
     expect(options).to_have_count(2)
@@ -548,6 +551,11 @@ def test_fusion_asks_which_of_several_odometries_is_meant(page, api, mission, se
     dialog.get_by_role("button", name="Correct").click()
     expect(page.get_by_role("checkbox", name="Corrected")).to_be_visible(timeout=WORK_MS)
     assert api.ask("GET", f"/missions/{mission}/fusion")["odometry_name"] == "wheels"
+    page.get_by_role("group", name="Tools").get_by_label("More").click()
+    page.get_by_role("button", name="Remove the corrected track").click()
+    page.get_by_role("dialog").get_by_role("button", name="Remove").click()
+    expect(page.get_by_role("checkbox", name="Corrected")).to_have_count(0)
+    expect(page.locator('[data-does="unfuse"]')).to_be_hidden()
 
 
 def test_a_distance_is_measured(page, mission, send):

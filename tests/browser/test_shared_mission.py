@@ -69,6 +69,26 @@ def test_visitors_follow_a_mission_until_the_link_is_taken_back(visitor, shared)
     expect(visitor.locator("#failed")).to_contain_text("This link is no longer valid.")
 
 
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (683, 384)])
+def test_visitors_with_small_windows_choose_the_notation_of_positions(visitor, shared, width, height):
+    _, share, _ = shared
+    visitor.set_viewport_size({"width": width, "height": height})
+    visitor.goto(share["url"])
+    place = visitor.get_by_test_id("track").locator("[data-position]")
+    expect(place).not_to_contain_text("33U")
+    visitor.get_by_label("Account and display").click()
+    for name in ("Dark", "Deutsch"):
+        button = visitor.get_by_role("button", name=name, exact=True)
+        button.scroll_into_view_if_needed()
+        expect(button).to_be_in_viewport()
+    visitor.get_by_role("button", name="UTM", exact=True).click()
+    expect(place).to_contain_text("33U")
+    visitor.get_by_label("Account and display").click()
+    visitor.get_by_label("Export").click()
+    expect(visitor.get_by_role("link", name="GPX")).to_be_visible()
+    assert visitor.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+
+
 def test_an_embedded_mission_opens_as_a_page(visitor, shared):
     _, share, _ = shared
     visitor.goto(share["url"] + "/embed")

@@ -671,6 +671,8 @@ export interface components {
             slug?: string;
         };
         FoundTrackOut: {
+            /** @description Along all poses, heights ignored. */
+            distance_m?: number;
             /** @description On the Earth `south`, `west`, `north`, `east`; in a robot's frame the metres `x`, `y`, `z` from the smallest to the largest coordinate. */
             extent?: {
                 [key: string]: unknown;
@@ -1256,9 +1258,12 @@ export interface components {
             distance_m?: number;
             duration_s?: number;
             ended_at?: string | null;
+            /** @description Of its poses; null: they have no times. */
+            first_time_s?: number | null;
             id?: number;
             /** @description Its tracks are never thinned. */
             keep?: boolean;
+            last_time_s?: number | null;
             /** @description Slug of its map. */
             map?: string | null;
             name?: string;
@@ -1369,9 +1374,12 @@ export interface components {
             drawings_revision?: number;
             duration_s?: number;
             ended_at?: string | null;
+            /** @description Of its poses; null: they have no times. */
+            first_time_s?: number | null;
             id?: number;
             /** @description Its tracks are never thinned. */
             keep?: boolean;
+            last_time_s?: number | null;
             /** @description Slug of its map. */
             map?: string | null;
             name?: string;
@@ -1401,9 +1409,12 @@ export interface components {
             distance_m?: number;
             duration_s?: number;
             ended_at?: string | null;
+            /** @description Of its poses; null: they have no times. */
+            first_time_s?: number | null;
             id?: number;
             /** @description Its tracks are never thinned. */
             keep?: boolean;
+            last_time_s?: number | null;
             /** @description Slug of its map. */
             map?: string | null;
             name?: string;

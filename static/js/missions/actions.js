@@ -7,7 +7,7 @@ import { locale, t } from "../shared/i18n.js";
 import { failureNote, isDismissed } from "../shared/job-failure.js";
 import { isLive } from "../shared/job-list.js";
 import { toast, toastError } from "../shared/toast.js";
-import { lengthText } from "./format.js";
+import { lengthText, sourceName } from "./format.js";
 import { resultText } from "./import/file-remarks.js";
 import { importDialog } from "./import/wizard.js";
 import { ended, jobBar } from "./job-progress.js";
@@ -46,7 +46,15 @@ export function connectActions(store, lines, live, fusion) {
   });
   on("import", () => take([]));
   if (document.querySelector('[data-does="import"]')) listenToDrops(byId("drop"), (files) => files.length && take(usable(files)));
-  on("fuse", (button) => busy(button, () => fuse(store, server, refresh)));
+  on("fuse", async (button) => {
+    if (await confirmDialog({ ...fuseQuestion(store.mission.tracks), action: t("Correct") })) await busy(button, () => fuse(store, server, refresh));
+  });
+  on("unfuse", () => unfuse(server, refresh));
+  const offerUnfuse = () => {
+    for (const button of queryAll('[data-does="unfuse"]')) button.hidden = !store.mission.tracks.some(({ source }) => source === "fused");
+  };
+  store.on("missions", offerUnfuse);
+  offerUnfuse();
   if (fusion !== null) showFusion(server, fusion, refresh).catch(toastError);
   on("phones", () => phonesDialog(server));
   on("share", () => sharesDialog(server));
@@ -64,6 +72,28 @@ function knownLines(store, lines) {
 function tellImported(results) {
   const hint = results.flatMap(({ skipped }) => skipped).map(({ reason, count }) => `${reason} (${count.toLocaleString(locale)})`).join("; ");
   toast(resultText(results), { hint: hint || null });
+}
+
+/**
+ * Title and text of the question before the correction.
+ * @param {Array<{source: string, timed: boolean, poses: number}>} tracks of the mission
+ */
+export function fuseQuestion(tracks) {
+  const known = new Set(tracks.filter(({ timed, poses, source }) => timed && poses && source !== "fused").map(({ source }) => source));
+  const sources = new Intl.ListFormat(locale).format(["odometry", "gps", "visual", "manual"].filter((source) => known.has(source)).map(sourceName));
+  const does = known.has("odometry") || known.size !== 1
+    ? t("Combines {sources} into one corrected track.", { sources })
+    : t("The only source is {sources}, so correcting smooths the track: it becomes a little shorter and its corners rounder.", { sources });
+  const then = t("The cards, the coverage of areas and visitors then use it. The recorded tracks stay, and the corrected one can be removed in the menu (...).");
+  return { title: t("Correct the track?"), text: `${does} ${then}` };
+}
+
+/** Remove the corrected track, after a question. */
+async function unfuse(server, refresh) {
+  const text = t("The recorded tracks stay, and are used again everywhere. You can correct the track again at any time.");
+  if (!(await confirmDialog({ title: t("Remove the corrected track?"), text, action: t("Remove") }))) return;
+  await server.removeFusion();
+  await refresh();
 }
 
 /** @param {?number} [odometry] id of the track to correct; the server says if one has to be chosen */
@@ -87,7 +117,6 @@ async function follow(server, id, refresh) {
   try {
     await ended(server.job, id, bar.showJob);
     await refresh();
-    toast(t("The corrected track is in place."));
   } finally {
     dialog.close();
   }

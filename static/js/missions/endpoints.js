@@ -57,6 +57,7 @@ export function endpointsOf(id) {
     photos: () => get(`${base}/photos`),
     events: (cursor, listeners) => events(`${base}/events?${parameters({ cursor })}`, listeners),
     query: (wish) => get(`${base}/query?${parameters(wish)}`),
+    removeFusion: () => del(`${base}/fusion`),
     fusion: () => get(`${base}/fusion`),
     localize: (sha256) => post(`${base}/photos/${sha256}/fix`, {}),
     /** @param {?number} odometry id of the track to correct; null unless there are several */

@@ -42,6 +42,13 @@ export function timeText(time) {
   return dayTime.format(new Date(time * 1000));
 }
 
+const short = new Intl.DateTimeFormat(locale, { dateStyle: "medium", timeStyle: "short" });
+
+/** From when to when, without what both have in common. @param {number} first Unix seconds @param {number} last */
+export function recordedText(first, last) {
+  return short.formatRange(new Date(first * 1000), new Date(last * 1000));
+}
+
 /** A duration as h:mm:ss or m:ss. @param {number} seconds */
 export function spanText(seconds) {
   const whole = Math.max(0, Math.round(seconds));

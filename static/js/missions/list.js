@@ -7,11 +7,13 @@ import { moment, t, tn } from "../shared/i18n.js";
 import { byName, largest, ListTools } from "../shared/list-tools.js";
 import { sentence, toastError } from "../shared/toast.js";
 import { endpointsOf, makeMission, mapImage, missionList } from "./endpoints.js";
-import { lengthText, spanText } from "./format.js";
+import { lengthText, recordedText, spanText } from "./format.js";
+import { coveringMap, titleOf } from "./import/proposals.js";
 import { startFields } from "./import/start-fields.js";
 import { StartPose } from "./import/start-pose.js";
 import { importDialog } from "./import/wizard.js";
 
+/** @type {{maps: Array<{slug: string, name: string, box: ?import("./import/proposals.js").Box}>, binned: boolean}} */
 const { maps, binned } = JSON.parse(byId("page").textContent);
 const list = byId("missions");
 const PAGE = 50;
@@ -60,6 +62,8 @@ async function load({ limit, search = "" }) {
   searched = search;
   list.replaceChildren(...missions.map(card));
   byId("empty").hidden = missions.length > 0 || search !== "";
+  // an empty page has one main button: import
+  for (const button of queryAll("[data-opens=create]")) button.classList.toggle("button--primary", byId("empty").hidden);
   if (tools) byId("list-tools").hidden = missions.length < 2 && search === "";
   goOnAt(next);
 }
@@ -81,7 +85,7 @@ function goOnAt(next) {
 }
 
 function card(mission) {
-  const { id, name, map, poses, objects, photos, distance_m: way, duration_s: duration, changed_at: changed, ended_at: ended } = mission;
+  const { id, name, map, poses, objects, photos, distance_m: way, duration_s: duration, ended_at: ended } = mission;
   const facts = [
     way ? lengthText(way) : null,
     duration ? spanText(duration) : null,
@@ -100,10 +104,16 @@ function card(mission) {
       h("div", { class: "map-card__title" },
         h("h2", {}, title),
         h("span", { class: "small soft number" }, facts.join(" · ")),
-        h("span", { class: "small soft" }, [moment(changed), onMap && t("on {map}", { map: onMap })].filter(Boolean).join(" · "),
+        h("span", { class: "small soft" }, [whenText(mission), onMap && t("on {map}", { map: onMap })].filter(Boolean).join(" · "),
           !binned && ended && h("span", { class: "badge mi-ended" }, t("Ended"))),
         owned && binned && binButtons(mission)),
       owned && !binned && menu(mission)));
+}
+
+/** When it was recorded, or else when it last changed. */
+function whenText({ first_time_s: first, last_time_s: last, changed_at: changed }) {
+  if (first === null || first === undefined) return t("changed {time}", { time: moment(changed) });
+  return recordedText(first, last);
 }
 
 /** Thumbnail of the track and objects, on the image of the map if they are on it. */
@@ -187,11 +197,20 @@ function create() {
 function importFiles(files) {
   const { select, field: map } = mapField();
   const name = h("input", { class: "input", maxlength: 120, autocomplete: "off", "data-testid": "import-name" });
+  let chosen = false;
+  select.addEventListener("change", ({ isTrusted }) => (chosen ||= isTrusted));
   importDialog({
     files,
     into: {
-      fields: [h("div", { class: "stack im-mission" }, field(t("Name of the mission"), name, t("Default: the file name.")), map)],
-      wish: (file) => ({ new_mission: { name: name.value.trim() || file.replace(/\.\w+$/, "").slice(0, 120) || file, map: select.value || null } }),
+      fields: [h("div", { class: "stack im-mission" }, field(t("Name of the mission"), name, t("Default: the name in the file, or else that of the file.")), map)],
+      wish: (file) => ({ new_mission: { name: name.value.trim() || titleOf(file), map: select.value || null } }),
+      propose: (found) => {
+        name.placeholder = titleOf(found[0]);
+        const slug = coveringMap(maps, found.flatMap(({ wanted }) => wanted))?.slug ?? "";
+        if (chosen || select.value === slug) return;
+        select.value = slug;
+        select.dispatchEvent(new Event("change"));
+      },
       look: async () => ({ place: { satellite: select.value ? await mapImage(select.value) : null, lines: [] }, start: null }),
       onChange: (run) => select.addEventListener("change", run),
     },

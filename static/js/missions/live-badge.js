@@ -4,8 +4,8 @@ import { byId } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
 
 const LIVE_MS = 120_000;
-const RECORDING_MS = 24 * 3600_000;
 /** A mission without any data for so long was imported, or is over. */
+const RECORDING_MS = 24 * 3600_000;
 
 /**
  * Keep the badge up to date.
@@ -26,7 +26,10 @@ export function liveBadge(store, isConnected) {
     if (badge.textContent !== text) badge.textContent = text;
     byId("follow-part").hidden = ended;
   };
-  store.on("poses missed", () => (heard = Date.now())); // their own times may be old if a recording is replayed
+  store.on("poses missed", ({ detail: { key, first } }) => {
+    // Times of poses may be old if a recording is replayed; but a further track may be an import, and a corrected one was computed.
+    if (!first && store.track(key)?.track.source !== "fused") heard = Date.now();
+  });
   store.on("missions grown", render);
   setInterval(render, LIVE_MS / 10);
   render();

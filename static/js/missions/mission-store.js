@@ -159,7 +159,7 @@ export class MissionStore extends EventTarget {
   }
 
   /** Apply an event of the server. */
-  merge(id, { tracks, objects, ...facts }) {
+  merge(id, { tracks, track_ids: left = null, objects, ...facts }) {
     const mission = this.missions.get(id);
     if (!mission) return;
     Object.assign(mission, facts);
@@ -169,10 +169,13 @@ export class MissionStore extends EventTarget {
     for (const { new: points, ...received } of tracks) {
       if (known.has(received.id)) Object.assign(known.get(received.id), received);
       else mission.tracks.push(received);
-      if (points.length) this.emit("poses", { key: keyOf(id, received.id), points });
+      if (points.length) this.emit("poses", { key: keyOf(id, received.id), points, first: known.size > 0 && !known.has(received.id) });
     }
+    const kept = mission.tracks.filter((track) => left === null || left.includes(track.id));
+    const removed = kept.length < mission.tracks.length;
+    mission.tracks = kept;
     if (objects.length) this.setObjects(id, objects);
-    if (added.length) this.emit("missions");
+    if (added.length || removed) this.emit("missions");
     else if (restyled) this.emit("shown");
     this.emit("grown");
   }

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 
 from tests.missions.core.simulated import Drive
 from tests.missions.core.test_fusion import BEGUN_S, FRAME, error_m, gps_of, odometry_of
-from webapp.errors import Cancelled, NotFound, UsageError
+from webapp.errors import Cancelled, Conflict, NotFound, UsageError
 from webapp.missions.core.trajectory.fusion import Fusion
 from webapp.missions.store import missions, tracks
 from webapp.missions.store.schema import Mission, MissionPhoto, Pose, Track
@@ -58,6 +58,21 @@ def test_a_corrected_track_is_added_to_the_others(library, driven):
     with library.database.read() as session:
         assert [t.source for t in tracks.list_tracks(session, mission_id)] == ["odometry", "gps", "fused"]
         assert session.get_one(Mission, mission_id).revision == report["revision"] == 1
+
+
+def test_removing_the_corrected_track_brings_the_recorded_ones_back(library, driven):
+    mission_id, _ = driven
+    run(library, mission_id)
+    with FileLock(library.inner / fuse.LOCK), pytest.raises(Conflict, match="backup"):
+        fuse.remove(library, mission_id, write=library.database.write)
+    assert fused(library, mission_id)[0].poses
+    fuse.remove(library, mission_id, write=library.database.write)
+    with library.database.read() as session:
+        assert [t.source for t in tracks.list_tracks(session, mission_id)] == ["odometry", "gps"]
+        assert session.get_one(Mission, mission_id).revision == 2
+    for remove_again in (fuse.read_report, lambda *a: fuse.remove(*a, write=library.database.write)):
+        with pytest.raises(NotFound):
+            remove_again(library, mission_id)
 
 
 def test_a_plan_is_not_what_was_driven(library, driven):

@@ -32,6 +32,7 @@ def test_each_source_with_times_and_extent(tmp_path):
     assert (source.poses, source.frame, source.headings, source.heights) == (2000, "earth", 2000, 0)
     assert (source.first_time_s, source.last_time_s) == (NOW - 1000, NOW + 999)
     assert source.extent == {"south": 50.0, "west": 13.98001, "north": 50.01999, "east": 14.0}
+    assert source.distance_m == pytest.approx(1999 * 1.3226, rel=1e-3)
     assert 400 <= len(source.line) <= 801
     assert source.line[0] == (50.0, 14.0)
     assert source.line[-1] == (50.01999, 13.98001)
@@ -58,6 +59,7 @@ def test_a_robots_frame_is_measured_without_a_start(tmp_path):
     (source,) = report.sources
     assert (source.frame, source.source) == ("robot", "odometry")
     assert source.extent == {"x": 0.0, "y": 3.0, "z": 1.0}
+    assert source.distance_m == pytest.approx(3.0)
     assert np.allclose(source.line, [[0.0, 0.0], [3.0, 0.0]]), "forward of the first pose"
     assert NEEDS_START in report.notes
     started = inspect_file(path, options=ReadOptions(start=Start(LatLon(50.0, 14.0), 0.0)), now_s=NOW)

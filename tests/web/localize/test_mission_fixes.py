@@ -202,6 +202,24 @@ def test_tracks_are_fused_on_demand(client, mission, send, queries, library, set
     assert [track["source"] for track in client.get(mission).json["tracks"]] == ["visual", "fused"]
 
 
+def test_a_corrected_track_is_removed(client, mission, send, queries, library, settings):
+    send(f"{mission}/fixes", queries / "query_01.jpg", time=10)
+    before = client.get(mission).json
+    client.post(f"{mission}/fuse")
+    Worker(library, settings, registry=REGISTRY).run(once=True)
+    fused = client.get(mission).json
+    photo = client.get(f"{mission}/photos").json["photos"][0]
+    assert photo["fix"]["gated"] is False
+    assert client.delete(f"{mission}/fusion").status_code == 204
+    after = client.get(mission).json
+    assert after["tracks"] == before["tracks"] and after["revision"] > fused["revision"]
+    assert client.get(f"{mission}/fusion").status_code == 404
+    assert "gated" not in client.get(f"{mission}/photos").json["photos"][0]["fix"]
+    events = client.get(f"{mission}/events?cursor={fused['cursor']}").text
+    assert f'"track_ids":[{before["tracks"][0]["id"]}]' in events
+    assert client.delete(f"{mission}/fusion").status_code == 404
+
+
 def test_nothing_to_fuse_fails_with_words(client, mission, library, settings):
     job = client.post(f"{mission}/fuse").json["job"]
     Worker(library, settings, registry=REGISTRY).run(once=True)

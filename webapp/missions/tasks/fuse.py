@@ -16,7 +16,7 @@ from sqlalchemy import or_, select
 from sqlalchemy.orm import Session
 
 from webapp.core.geometry.robust import GATE_2D
-from webapp.errors import NotFound, UsageError
+from webapp.errors import Conflict, NotFound, UsageError
 from webapp.files.atomic import write_text
 from webapp.missions.core.trajectory.fusion import MOST_POSES, Fusion, GatingResult, NoFusion, fuse
 from webapp.missions.core.trajectory.planned import driven_tracks
@@ -179,6 +179,32 @@ def read_report(library: Library, mission_id: int) -> dict[str, Any]:
     if not path.is_file():
         raise NotFound("the tracks of this mission have not been fused yet", where=f"mission {mission_id}")
     return cast(dict[str, Any], json.loads(path.read_text(encoding="utf-8")))
+
+
+def remove(library: Library, mission_id: int, *, write: Write) -> None:
+    """Delete the fused track, its report and its marks on photos; the tracks that were fused stay.
+
+    Raises:
+        NotFound: There is no fused track.
+        Conflict: A backup is running.
+    """
+    try:
+        with write() as session, FileLock(library.inner / LOCK, timeout=0):
+            mission = session.get_one(Mission, mission_id, with_for_update=True)
+            found = [track for track in tracks.list_tracks(session, mission_id) if track.source == "fused"]
+            if not found:
+                raise NotFound("the mission has no corrected track", where=f"mission {mission_id}")
+            for track in found:
+                tracks.clear(session, track)
+                session.delete(track)
+            for photo in missions.photos(session, mission_id):
+                if photo.fix is not None and "gated" in photo.fix:
+                    photo.fix = {k: v for k, v in photo.fix.items() if k not in ("gated", "gated_why")}
+            missions.count_change(mission)
+            (missions.folder(library, mission_id) / REPORT).unlink(missing_ok=True)
+    except Timeout:
+        where, hint = f"mission {mission_id}", "try again when it has ended"
+        raise Conflict("a backup of the library is running", where=where, hint=hint) from None
 
 
 def _kept(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from webapp.files.exchange.times import utc
 from webapp.files.gate import Budget
+from webapp.missions.core.trajectory.distance import Odometer
 from webapp.missions.core.trajectory.propose_start import propose_start
 from webapp.missions.core.trajectory.robotframe import Anchor, anchor_of
 from webapp.missions.core.trajectory.thinning import MinMove
@@ -43,6 +44,7 @@ class FileSource:
     # On the Earth the bounds `south`, `west`, `north`, `east`; in a robot's frame the size `x`, `y`, `z` in
     # metres.
     extent: dict[str, float]
+    distance_m: float  # Along all poses, heights ignored
     # `headings`, `heights`: Number of poses that have one.
     headings: int
     heights: int
@@ -186,6 +188,8 @@ class _Gathered:
     moments: list[float] = field(default_factory=list)  # Times of `line`
     last: tuple[float, float] | None = None
     every: int = 1
+    way: Odometer = field(default_factory=Odometer)
+    way_m: float = 0.0  # In a robot's frame
 
     def add(
         self,
@@ -209,6 +213,11 @@ class _Gathered:
         self.times = (min(self.times[0], times_s.min()), max(self.times[1], times_s.max()))
         self.low = np.fmin(self.low, np.fmin.reduce(place, axis=0))
         self.high = np.fmax(self.high, np.fmax.reduce(place, axis=0))
+        if self.anchor is None:
+            self.way.add(place[:, :2])
+        else:
+            before = drawn[:1] if self.last is None else np.array([self.last])
+            self.way_m += float(np.hypot(*np.diff(np.vstack([before, drawn]), axis=0).T).sum())
         self.last = (float(drawn[-1, 0]), float(drawn[-1, 1]))
 
     def source(self, frame: str, source: str, track: str) -> FileSource:
@@ -218,8 +227,9 @@ class _Gathered:
         if frame == "earth":
             (south, west, _), (north, east, _) = self.low.tolist(), self.high.tolist()
             extent = {"south": south, "west": west, "north": north, "east": east}
+        way_m = self.way.metres + self.way_m
         return FileSource(
-            source, track, frame, self.poses, first, last, extent, self.headings, self.heights, line
+            source, track, frame, self.poses, first, last, extent, way_m, self.headings, self.heights, line
         )
 
 

@@ -67,9 +67,9 @@ class EventsQuery(Schema):
 @blueprint.input(EventsQuery, location="query", arg_name="query")
 @blueprint.doc(
     description="Each event `changed` has `revision`, `ended_at`, `photos` (how many), `drawings_revision` "
-    "(another number: they have changed), `tracks` (the changed ones as in the state, with `new` points) "
-    "and `objects` (the changed ones). Its id is a cursor. The stream ends after a while, or at once where "
-    "many are open: an `EventSource` reconnects by itself.",
+    "(another number: they have changed), `tracks` (the changed ones as in the state, with `new` points), "
+    "`track_ids` (of all: others were removed) and `objects` (the changed ones). Its id is a cursor. The "
+    "stream ends after a while, or at once where many are open: an `EventSource` reconnects by itself.",
     responses=file_answer("Server-sent events.", "text/event-stream"),
 )
 def events(mission_id: int, query: dict[str, Any]) -> Response:
@@ -161,6 +161,7 @@ def make_event(session: Session, mission: Mission, *, known: str | None) -> tupl
             for track in found
             if before is None or counts.get(track.id) != track.poses or track.look_revision > revision
         ],
+        "track_ids": [track.id for track in found],
         "objects": [object_json(row) for row in objects],
     }
     return _encoded(data, after), after

@@ -243,6 +243,16 @@ def fusion(mission_id: int) -> dict[str, Any]:
     return fuse_mission.read_report(library(), open_mission(mission_id, binned=True).id)
 
 
+@blueprint.delete("/fusion")
+@mission_role("editor")
+@blueprint.output({}, status_code=204)
+def remove_fusion(mission_id: int) -> str:
+    """Delete the corrected track and its report; the recorded tracks, which it was made from, count again."""
+    mission = open_mission(mission_id, "editor")
+    fuse_mission.remove(library(), mission.id, write=library().database.write)
+    return ""
+
+
 @blueprint.get("/fusion.png")
 @blueprint.doc(responses=file_answer("Raw tracks, the corrected one, and what was left out.", "image/png"))
 def fusion_picture(mission_id: int) -> Response:

@@ -118,6 +118,8 @@ class MissionSummary(Schema):
     poses = Integer()
     distance_m = Float(metadata={"description": "Of all tracks from the source that knows it best."})
     duration_s = Float()
+    first_time_s = Float(allow_none=True, metadata={"description": "Of its poses; null: they have no times."})
+    last_time_s = Float(allow_none=True)
     objects = Integer()
     photos = Integer()
 

@@ -151,6 +151,7 @@ class FoundTrackOut(Schema):
             "`x`, `y`, `z` from the smallest to the largest coordinate."
         }
     )
+    distance_m = Float(metadata={"description": "Along all poses, heights ignored."})
     headings = Integer(metadata={"description": "Poses that have one."})
     heights = Integer(metadata={"description": "Poses that have one."})
     line = List(

@@ -14,12 +14,13 @@ from webapp.missions.files.track_reader import FORMATS, accepted, called
 from webapp.missions.store import missions, phones, shares
 from webapp.missions.store.shares import OpenedMission
 from webapp.missions.tasks import fuse
-from webapp.missions.tasks.covering_maps import covering_maps
+from webapp.missions.tasks.covering_maps import covering_maps, image_box
 from webapp.missions.web import api_exports
 from webapp.missions.web import state as mission_state
 from webapp.missions.web.api_exports import ExportQuery, LinkQuery
 from webapp.missions.web.context import open_mission
 from webapp.store.maps import maps
+from webapp.store.schema import MapRecord
 from webapp.web import errors
 from webapp.web.accounts.security import allow_framing
 from webapp.web.context import account, authorized_by, library, public
@@ -43,6 +44,9 @@ _SIGNS = {
     ]
 }
 """The symbols of objects, for the scripts of the pages."""
+
+_FIRST_NAMED = ("gpx", "kml", "kmz", "fit", "tcx")
+"""Formats of walks, by the programs and devices that people have."""
 
 _by_link = authorized_by(lambda token, **_: _opened(token))
 _SECRET = {"X-Robots-Tag": "noindex, nofollow"}
@@ -80,15 +84,26 @@ def show(mission_id: int) -> str:
 def _list(*, binned: bool) -> str:
     who = account()
     with library().database.read() as session:
-        found = [{"slug": record.slug, "name": record.name} for record in maps.list_maps(session, who)]
+        records = maps.list_maps(session, who)
+        roles = maps.roles_of(session, records, account=who)
+        found = [
+            {"slug": one.slug, "name": one.name, "box": _box(one, role=roles.get(one.id))} for one in records
+        ]
         in_bin = missions.count_binned(session, who)
     page = {"maps": found, "binned": binned, "formats": _formats()}
     return render_template("missions/index.html", page=page, in_bin=in_bin, unreadable=_unreadable())
 
 
+def _box(record: MapRecord, *, role: str | None) -> list[float] | None:
+    """Return the box around a map's image as JSON, if missions may be added to the map."""
+    box = image_box(record) if role in ("owner", "editor") else None
+    return None if box is None else [round(side, 7) for side in box]
+
+
 def _formats() -> dict[str, str]:
     """Return what the import dialog says and accepts."""
-    readable = (entry for entry in FORMATS.values() if not entry.needs or is_installed(entry.needs))
+    readable = [entry for entry in FORMATS.values() if not entry.needs or is_installed(entry.needs)]
+    readable.sort(key=lambda entry: (*_FIRST_NAMED, entry.name).index(entry.name))
     return {"accept": accepted(), "names": ", ".join(called(readable))}
 
 

@@ -133,9 +133,10 @@ def read_cursor(text: str) -> tuple[int, dict[int, int]] | None:
     return int(revision), {int(id): int(count) for id, count in pairs}
 
 
-def _way(found: list[Track]) -> dict[str, float]:
-    """Return the length and duration of a mission: those of all tracks from the source of its best one.
+def _way(found: list[Track]) -> dict[str, float | None]:
+    """Return the length, duration and times of a mission.
 
+    Length and duration are those of all tracks from the source of its best one, times those of all tracks.
     Other sources have recorded the same way. Of tracks that overlap in time, such as those of two receivers,
     the longer one counts, and of the other the share of its time that lies outside.
     """
@@ -145,7 +146,13 @@ def _way(found: list[Track]) -> dict[str, float]:
     for track in sorted(same, key=lambda one: one.distance_m, reverse=True):
         share = covered.add(track.first_time_s or 0.0, track.last_time_s or 0.0) if track.timed else 1.0
         distance_m += share * track.distance_m
-    return {"distance_m": distance_m, "duration_s": covered.length}
+    timed = [track for track in found if track.timed]
+    return {
+        "distance_m": distance_m,
+        "duration_s": covered.length,
+        "first_time_s": min((t.first_time_s for t in timed if t.first_time_s is not None), default=None),
+        "last_time_s": max((t.last_time_s for t in timed if t.last_time_s is not None), default=None),
+    }
 
 
 def _duration_s(track: Track) -> float:

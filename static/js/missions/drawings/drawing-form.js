@@ -3,9 +3,10 @@
 import { busy, errorLine, field, openDialog } from "../../shared/dialogs.js";
 import { h } from "../../shared/dom.js";
 import { t } from "../../shared/i18n.js";
+import { parsePosition } from "../../shared/map/grids.js";
+import { placeToCopy } from "../../shared/map/positions.js";
 
 const RADIUS_M = 5;
-const NUMBER = /[+-]?\d+(?:\.\d+)?/g;
 
 /**
  * Ask for the fields of a drawing.
@@ -21,7 +22,7 @@ export function drawingDialog(drawing, { names, save, redraw = null }) {
   const assigned = h("input", { class: "input", maxlength: 120, value: drawing.assigned || "", list: "drawing-names", autocomplete: "off" });
   const radius = h("input", { class: "input", type: "number", min: 0.5, max: 200, step: "any", value: drawing.radius_m ?? RADIUS_M });
   const note = h("textarea", { class: "input", rows: 2, maxlength: 2000 }, drawing.note || "");
-  const points = h("textarea", { class: "input number", rows: 4, spellcheck: "false" }, drawing.points.map((point) => point.join(", ")).join("\n"));
+  const points = h("textarea", { class: "input number", rows: 4, spellcheck: "false" }, pointsText(drawing.points));
   const error = errorLine();
   const end = h("button", { class: "button button--primary", type: "button" }, t("Save"));
   const again = redraw && h("button", { class: "button", type: "button", onclick: () => (dialog.close(), redraw()) }, t("Draw again"));
@@ -30,17 +31,17 @@ export function drawingDialog(drawing, { names, save, redraw = null }) {
     ...(area ? [
       field(t("Assigned to"), assigned),
       h("datalist", { id: "drawing-names" }, ...names.map((value) => h("option", { value }))),
-      field(t("Radius in metres"), radius, t("What a track passes within this distance counts as covered.")),
+      field(t("How far to each side one sees, metres"), radius, t("What a track passes within this distance counts as covered.")),
     ] : []),
     field(t("Note"), note),
-    field(t("Points"), points, t("One in each line: latitude, longitude in degrees.")),
+    field(t("Points"), points, t("One in each line: latitude and longitude in degrees, UTM or MGRS.")),
     error,
   ], { actions: [again, end].filter(Boolean), cancels: true });
   end.addEventListener("click", () => busy(end, async () => {
     error.show(null);
-    const known = pointsOf(points.value);
-    if (!known) {
-      error.show({ message: t("a line of the points does not have two numbers") });
+    const { points: known, wrong } = pointsOf(points.value, drawing.points);
+    if (wrong !== null) {
+      error.show({ message: t("“{line}” is not a position", { line: wrong }) });
       points.focus();
       return;
     }
@@ -61,9 +62,18 @@ function title(kind) {
   return { area: t("New search area"), line: t("New line"), marker: t("New marker") }[kind];
 }
 
-/** Points of a text; null if a line has not exactly two numbers. @param {string} text @returns {?Array<[number, number]>} */
-export function pointsOf(text) {
-  const lines = text.split("\n").filter((line) => line.trim());
-  const points = lines.map((line) => (line.match(NUMBER) || []).map(Number));
-  return points.every((point) => point.length === 2) ? /** @type {Array<[number, number]>} */ (points) : null;
+/** Points in the chosen notation, one in each line. @param {Array<[number, number]>} points latitudes and longitudes */
+export const pointsText = (points) => points.map(placeToCopy).join("\n");
+
+/**
+ * Points of a text in any notation. Lines that were not changed are points as they were: a notation may round them.
+ * @param {string} text
+ * @param {Array<[number, number]>} before points that the text was made of
+ * @returns {{points: Array<[number, number]>, wrong: ?string}} `wrong`: the first line that is not a position
+ */
+export function pointsOf(text, before = []) {
+  const exact = new Map(before.map((point) => /** @type {[string, [number, number]]} */ ([placeToCopy(point), point])));
+  const lines = text.split("\n").map((line) => line.trim()).filter(Boolean);
+  const points = lines.map((line) => exact.get(line) ?? parsePosition(line));
+  return { points, wrong: lines.find((_, n) => !points[n]) ?? null };
 }

@@ -119,7 +119,7 @@ function badge(drawing) {
 /** Without all poses of the tracks, coverage is about right only. */
 function shareText({ share, exact }) {
   if (share === null) return t("not measurable");
-  return exact ? percentText(share) : `≈ ${percentText(share)}`;
+  return t("{share} covered", { share: exact ? percentText(share) : `≈ ${percentText(share)}` });
 }
 
 function facts(drawing) {

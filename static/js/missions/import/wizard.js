@@ -28,7 +28,8 @@ let opened = null;
 /**
  * @typedef {Object} Destination the mission that files go into
  * @property {Array<Node>} [fields] fields to choose it
- * @property {function(string): Object} wish fields of the import request; called with the name of the file
+ * @property {function(StagedFile): Object} wish fields of the import request; called with the file
+ * @property {function(StagedFile[]): void} [propose] fills fields from the contents of files
  * @property {function(): Promise<{place: import("./preview.js").Place, start: ?Object}>} look its surroundings and start
  * @property {function(function(): void): void} [onChange] registers a callback for changes of `look`
  */
@@ -167,6 +168,7 @@ class Wizard {
   _showContents() {
     this._go("contents");
     for (const { contents } of this.files) this._proposeStart(contents?.start);
+    this.into.propose?.(this._usable);
     this._showFile(this.files.find(({ isUsable }) => isUsable));
   }
 
@@ -234,7 +236,7 @@ class Wizard {
     this._cancel.hidden = false;
     this._showResults();
     for (const file of open) {
-      const wish = this.mission === null ? this.into.wish(file.name) : { mission: this.mission };
+      const wish = this.mission === null ? this.into.wish(file) : { mission: this.mission };
       const start = file.inMetres.length ? this.start.whole : null;
       this.mission = (await file.bringIn({ ...wish, start })) ?? this.mission;
       if (file.result) this.results.push(file.result);

@@ -1,5 +1,8 @@
 """Missions: created, changed, binned, deleted; permissions."""
 
+import json
+import re
+
 import pytest
 
 from webapp.errors import Cancelled
@@ -179,6 +182,27 @@ def test_the_list_describes_the_best_track(client, send, walk):
     (found,) = client.get("/api/v1/missions").json["missions"]
     assert (found["poses"], found["duration_s"]) == (8, 2)
     assert found["distance_m"] == pytest.approx(2, rel=1e-3)
+    assert (found["first_time_s"], found["last_time_s"]) == (1000, 1004)
+
+
+def test_the_list_knows_no_times_of_a_mission_without_poses(client, mission):
+    (found,) = client.get("/api/v1/missions").json["missions"]
+    assert (found["first_time_s"], found["last_time_s"]) == (None, None)
+
+
+def test_the_page_of_missions_knows_where_maps_are_that_may_get_some(
+    client, new_map, new_account, sign_in, owner, place_image
+):
+    ann = new_account("ann")
+    shown = {role: new_map(owner, name=role, shared={ann: role}) for role in ("editor", "viewer")}
+    for slug in shown.values():
+        place_image(slug, (50.002, 13.998), (49.998, 14.002))
+    page = sign_in(ann).get("/missions").text
+    data = json.loads(re.search(r'id="page">(.*?)</script>', page)[1])
+    boxes = {one["slug"]: one["box"] for one in data["maps"]}
+    assert boxes[shown["editor"]] == pytest.approx([49.998, 13.998, 50.002, 14.002])
+    assert boxes[shown["viewer"]] is None
+    assert data["formats"]["names"].startswith("GPX, KML")
 
 
 def test_the_list_adds_the_tracks_up_that_one_source_has(client, send, walk):
