@@ -156,6 +156,8 @@ def fuse(
     tracks = {source: poses for source, poses in fixes.items() if len(poses)}
     if not tracks:
         return NoFusion("no fix is available to correct a track")
+    if odometry is not None and len(np.unique(odometry.times_s)) < 2:
+        odometry = None  # one pose has no motion
     every = _all_fixes(tracks, most=MOST_POSES)
     frame = LocalFrame(centre_of(every.poses.latlon))
     usual = noise or Noise()
@@ -340,12 +342,10 @@ def _covariances(fixes: _AllFixes) -> Floats:
     return found
 
 
-def _dead_reckoning(odometry: Poses, most: int) -> DeadReckoning | None:
-    """Project odometry to a local plane of its own; None for fewer than two poses."""
+def _dead_reckoning(odometry: Poses, most: int) -> DeadReckoning:
+    """Project odometry to a local plane of its own."""
     poses = odometry.take(_in_time(odometry, most))
     poses = poses.take(np.unique(poses.times_s, return_index=True)[1])
-    if len(poses) < 2:
-        return None
     position = LocalFrame(centre_of(poses.latlon)).enu_from_latlon(poses.latlon)
     return DeadReckoning(poses.times_s, position, _headings(np.radians(poses.heading_deg), position))
 
