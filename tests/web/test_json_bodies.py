@@ -6,7 +6,7 @@ import json
 import pytest
 from apiflask import Schema, fields
 
-from webapp.missions.store import missions
+from webapp.missions.store import missions, tracks
 from webapp.settings import Settings, WebSettings
 from webapp.store.accounts import accounts
 from webapp.store.schema import MapRecord
@@ -86,7 +86,8 @@ def addresses(app, library, owner, client, park):
     """The URL of each route with a body, on an existing map and mission, by endpoint."""
     with library.database.write() as session:
         map_id = session.query(MapRecord).filter_by(slug=park).one().id
-        mission_id = missions.create(session, "Round", account_id=owner.id, map_id=map_id).id
+        mission = missions.create(session, "Round", account_id=owner.id, map_id=map_id)
+        mission_id, track_id = mission.id, tracks.get_or_create(session, mission.id, source="gps", name="").id
     file_id = client.post("/api/v1/mission-files", json={"name": "a.gpx", "size_bytes": 9}).json["id"]
     token = client.post(f"/api/v1/maps/{park}/shares", json={"localize": True}).json["url"].split("/")[-1]
     phone = (
@@ -95,7 +96,7 @@ def addresses(app, library, owner, client, park):
     shape = {"kind": "marker", "name": "A", "points": [[50.0, 14.0]]}
     drawing = client.post(f"/api/v1/missions/{mission_id}/drawings", json=shape).json["id"]
     values = {"slug": park, "mission_id": mission_id, "file_id": file_id, "token": token}
-    values |= {"id": 1, "name": "a", "object_id": "a", "drawing_id": drawing}
+    values |= {"id": 1, "name": "a", "object_id": "a", "drawing_id": drawing, "track_id": track_id}
     adapter = app.url_map.bind("")
     found = {}
     for rule, method, _, _ in rules_with_body(app):

@@ -132,6 +132,7 @@ def test_what_was_left_out_is_reported_and_kept(library, driven):
     assert fuse.read_report(library, mission_id) == json.loads(json.dumps(report))
 
 
+@pytest.mark.slow
 def test_of_two_receivers_the_one_that_was_too_sure_is_named_with_the_time(library, driven):
     mission_id, _ = driven
     drive = Drive(3, every=3)

@@ -215,8 +215,9 @@ def test_a_corrected_track_is_removed(client, mission, send, queries, library, s
     assert after["tracks"] == before["tracks"] and after["revision"] > fused["revision"]
     assert client.get(f"{mission}/fusion").status_code == 404
     assert "gated" not in client.get(f"{mission}/photos").json["photos"][0]["fix"]
-    events = client.get(f"{mission}/events?cursor={fused['cursor']}").text
-    assert f'"track_ids":[{before["tracks"][0]["id"]}]' in events
+    stream = client.get(f"{mission}/events?cursor={fused['cursor']}", buffered=False)
+    assert f'"track_ids":[{before["tracks"][0]["id"]}]' in next(iter(stream.response)).decode()
+    stream.close()
     assert client.delete(f"{mission}/fusion").status_code == 404
 
 

@@ -140,4 +140,4 @@ def test_the_page_accepts_and_names_the_formats_that_it_can_read(client, monkeyp
     monkeypatch.setattr("webapp.missions.web.pages.is_installed", lambda name: name != "missions")
     page = client.get("/missions").text
     assert "This server cannot read MCAP, ROS bags, FIT: the extra missions is not installed." in page
-    assert "anywhere on this page: GPX, TCX, KML, KMZ, GeoJSON, ULog, " in page
+    assert "anywhere on this page: GPX, KML, KMZ, TCX, GeoJSON, ULog, " in page
