@@ -12,6 +12,7 @@ from tests.browser.conftest import WORK_MS, sign_in
 KINDS = ("Evaluation", "Export")
 
 
+@pytest.mark.slow
 def test_progress_and_cancel_in_two_pages(page, context, api, sample_map):
     photos = {"limit": 40}  # enough to leave time for cancelling
     id = api.ask("POST", f"/maps/{sample_map}/evaluation", data=photos)["id"]

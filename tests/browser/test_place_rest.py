@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 from playwright.sync_api import expect
 
 from tests.browser import axe
@@ -21,6 +22,7 @@ median of 3; but structure from motion on several threads differs a little each 
 SHOWN_WITHIN_MS = 300_000
 
 
+@pytest.mark.slow
 def test_sixty_photos_are_placed_by_six_clicks(page, api, sample_folder):
     made = read_map(sample_folder / "map.cfg")
     truth = {Path(one.photo).name: one.position for one in made.experiences}

@@ -104,6 +104,7 @@ def camera_of(drive, *, sigma_m, stated_m=1.0):
     )
 
 
+@pytest.mark.slow
 def test_a_camera_that_promises_too_much_does_not_overrule_a_good_receiver():
     drive = Drive(8, nodes=1200, every=20)
     gps = gps_of(drive)
@@ -126,6 +127,7 @@ def test_it_is_reported_since_when_a_camera_promises_too_much():
     assert first.factor < 1.5
 
 
+@pytest.mark.slow
 def test_two_receivers_have_errors_of_their_own():
     drive = Drive(10, nodes=1200, every=10)
     poses = gps_of(drive)
