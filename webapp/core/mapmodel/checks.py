@@ -6,13 +6,15 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from webapp.core.geo.types import MapPixel, whole_pixel
-from webapp.core.hypotheses.model import Answer
 from webapp.core.mapmodel.findings import Code, Finding, quoted
-from webapp.core.mapmodel.model import Experience
 from webapp.core.mapmodel.paths import name_problem
+
+if TYPE_CHECKING:  # what serves and forks imports this module, and loads neither numpy nor OpenCV
+    from webapp.core.hypotheses.model import Answer
+    from webapp.core.mapmodel.model import Experience
 
 MAX_NUMBER = 2**31 - 1
 """Largest id, size and coordinate: ids are 32-bit integers in answers."""
