@@ -31,7 +31,7 @@ DOCUMENT = {
 KNOWN = {"slug": "target", "id": 3, "mission_id": 1, "phone": "t"}
 
 
-def requests(seed, count=150):
+def requests(seed, count=60):
     numbers = range(count)
     return [hostile.make_request(seed, n, document=DOCUMENT, known=KNOWN) for n in numbers]
 

@@ -119,6 +119,7 @@ def test_a_robot_under_way_is_seen_live(page, mission, send):
     expect(page.get_by_role("button", name="Follow latest")).to_have_attribute("aria-pressed", "false")
 
 
+@pytest.mark.slow
 def test_the_server_away_and_back(page, context, mission, send):
     send(*(pose(n) for n in range(10)))
     page.goto(f"/missions/{mission}")

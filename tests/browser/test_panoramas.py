@@ -4,6 +4,7 @@ import io
 import math
 
 import numpy as np
+import pytest
 from PIL import Image
 from playwright.sync_api import expect
 
@@ -28,6 +29,7 @@ def drag(page, view, *, by):
     page.mouse.up()
 
 
+@pytest.mark.slow
 def test_panoramas_are_placed_turned_masked_and_found(page, api, sample_folder, tmp_path):
     slug = api.make_map("Panoramas", satellite=sample_folder / "satellite.png")
     edit = EditPage(page, slug).open()

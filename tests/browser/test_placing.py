@@ -1,5 +1,6 @@
 """Placing photos by hand: thirty photos are thirty clicks, or keys alone."""
 
+import pytest
 from playwright.sync_api import expect
 
 from tests.browser.edit_page import spots
@@ -14,6 +15,7 @@ def near(there, wanted, within=1.5):
     )
 
 
+@pytest.mark.slow
 def test_thirty_photos_are_thirty_clicks(make_page, api):
     edit = make_page(30)
     expect(edit.unplaced).to_have_text("30")

@@ -1,11 +1,13 @@
 """Evaluating how well photos are localized on a map, started by a click."""
 
+import pytest
 from playwright.sync_api import expect
 
 from tests.browser import axe
 from tests.browser.conftest import WORK_MS
 
 
+@pytest.mark.slow
 def test_it_is_tried_and_shown(make_page, api):
     edit = make_page(6, placed=True)
     api.wait_for_jobs(edit.slug)

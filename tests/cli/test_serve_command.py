@@ -188,6 +188,7 @@ def test_killed_processes_are_replaced(folder, port):
         assert server.poll() is None
 
 
+@pytest.mark.slow
 def test_without_the_supervisor_all_end_and_the_next_can_start(folder, port):
     with served(folder, port) as (server, _, _):
         wait_for(lambda: len(processes(folder)) == 5)
@@ -203,6 +204,7 @@ def test_without_the_supervisor_all_end_and_the_next_can_start(folder, port):
             wait_for(lambda: len(processes(folder)) == 5)
 
 
+@pytest.mark.slow
 def test_web_processes_end_at_once_with_the_supervisor_even_in_a_request(folder, port, monkeypatch):
     monkeypatch.setenv("EXPMAP_SERVE_PATIENCE_S", "600")
     with served(folder, port) as (server, url, _), socket.create_connection(("127.0.0.1", port)) as slow:
@@ -248,6 +250,7 @@ def test_below_a_path_it_does_not_start(folder, monkeypatch):
     ]
 
 
+@pytest.mark.slow
 def test_an_application_that_does_not_start_is_given_up(folder):
     text = (
         "import sys; from pathlib import Path\n"
@@ -279,6 +282,7 @@ def test_who_forks_has_not_loaded_opencv(folder, port):
         assert loaded(master) == loaded(server.pid) == set()
 
 
+@pytest.mark.slow
 def test_the_first_start_has_a_sample_map(tmp_path, port, sample_folder):
     shutil.copytree(sample_folder, tmp_path / "maps" / "sample")  # making it takes long
     with served(tmp_path / "maps", port) as (_, _, _):

@@ -43,6 +43,7 @@ def run(program, folder):
     return done.stdout.splitlines()
 
 
+@pytest.mark.slow
 def test_the_programs_place_localize_and_evaluate(survey):
     place, localize, evaluate = re.findall(r"^```python\n(.*?)^```", PAGE, re.M | re.S)
     placed = run(place, survey)

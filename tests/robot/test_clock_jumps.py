@@ -96,6 +96,7 @@ def made(tmp_path):
     return token, walked, keyed
 
 
+@pytest.mark.slow
 def test_clocks_that_jump_lose_and_double_nothing(tmp_path, library_of_shift, made):
     token, walked, keyed = made
     robots, servers = (clock_file(tmp_path / name, 0) for name in ("robots-clock", "servers-clock"))

@@ -157,6 +157,7 @@ def test_places_look_different(sample_folder):
     assert alike < 0.3 * np.median(verified)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes(small, tmp_path):
     make(tmp_path / "again", size=SMALL)
     first, second = content(small), content(tmp_path / "again")

@@ -167,6 +167,7 @@ def test_nothing_is_lost_while_the_server_is_away_and_the_program_is_killed(tmp_
     assert boots == list(range(1100, 1100 + 100 * expected, 100))
 
 
+@pytest.mark.slow
 def test_kills_in_the_middle_of_uploads_double_nothing(tmp_path, server, port, sender):
     for _ in range(3):
         with running(tmp_path, f"udp:127.0.0.1:{port}", url=server.url) as bridge:

@@ -228,6 +228,7 @@ def run_until(monkeypatch, step, run):
 
 
 @pytest.mark.parametrize("where", ["sqlite", "postgresql"])
+@pytest.mark.slow
 def test_a_move_can_be_killed_anywhere(folder, server, where, monkeypatch, tmp_path):
     url, before = server(), hashes(file_url(folder), tmp_path)
     if where == "postgresql":
