@@ -16,7 +16,7 @@ QUICK  := tests/core tests/files tests/store
 PAGES  := tests/web tests/missions
 # Run on PostgreSQL, too, the first few by `make test`, all by `make test-slow`: stores, jobs and workers with their kills, missions and their intake, edits by the API,
 # faults of the network and of the server.
-SERVER  := tests/store/test_postgresql.py tests/store/maps tests/jobs/test_worker.py
+SERVER  := tests/store/test_postgresql.py tests/store/maps
 RECORDS := tests/store tests/jobs/test_worker.py tests/jobs/test_intake_kills.py tests/missions/tasks/test_query_mission.py \
            tests/missions/tasks/test_mission_import.py tests/missions/tasks/test_thin_tracks.py tests/missions/tasks/test_preview.py \
            tests/web/maps/test_api_maps.py tests/web/maps/test_edit_answers.py tests/web/test_numbers.py tests/tasks/find \

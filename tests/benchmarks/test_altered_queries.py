@@ -9,6 +9,8 @@ from webapp.core.retrieval.fields_of_view import cropped_fov_deg
 from webapp.files.photos.photo import read_facts
 from webapp.settings import PhotoLimits
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def photo():

@@ -3,8 +3,12 @@
 import threading
 from datetime import datetime
 
+import pytest
+
 from benchmarks import flows
 from webapp.threads import in_threads
+
+pytestmark = pytest.mark.slow
 
 
 def test_calls_are_noted_with_the_modules_of_both_sides():

@@ -1,6 +1,10 @@
 """The benchmark of landmarks: cameras in a scene with ground truth."""
 
+import pytest
+
 from benchmarks.landmarks import measure
+
+pytestmark = pytest.mark.slow
 
 
 def test_cameras_are_within_a_decimetre_and_a_fifth_of_a_degree():

@@ -8,6 +8,8 @@ from benchmarks.chaos import _edit_problems, _longest
 from benchmarks.chaos_load import Refusals
 from benchmarks.editing_checks import Final
 
+pytestmark = pytest.mark.slow
+
 SLUG = "park"
 
 

@@ -8,6 +8,8 @@ import pytest
 from benchmarks import derived_maps
 from webapp.files.maps.folder import read_map
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def table(sample_folder):

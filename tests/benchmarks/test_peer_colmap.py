@@ -7,6 +7,8 @@ pytest.importorskip("pycolmap")
 
 from benchmarks import peer_colmap
 
+pytestmark = pytest.mark.slow
+
 
 def model(position, centre):
     names = [f"{n}.jpg" for n in range(len(centre))]

@@ -13,6 +13,8 @@ from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.model import CameraPose, Hypothesis
 from webapp.files.localize.queries_csv import Query
 
+pytestmark = pytest.mark.slow
+
 
 def place(x, landmarks=None):
     camera = None if landmarks is None else CameraPose(0.0, 0.0, 0.0, np.eye(6), landmarks)

@@ -4,6 +4,8 @@ import pytest
 
 from benchmarks import placing_simulations
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(autouse=True)
 def few_runs(monkeypatch):

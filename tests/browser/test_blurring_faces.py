@@ -7,6 +7,8 @@ from playwright.sync_api import expect
 
 from tests.browser import axe
 
+pytestmark = pytest.mark.slow
+
 
 def test_boxes_are_drawn_and_kept(make_page, page):
     make_page(2, placed=True)

@@ -7,6 +7,8 @@ from playwright.sync_api import expect
 from tests.browser.edit_page import spots
 from tests.browser.landmark_files import align_landmarks, write_landmarks
 
+pytestmark = pytest.mark.slow
+
 PHOTOS = 8
 WRONG = 4
 """Index of the photo whose landmark position contradicts its placed position."""

@@ -2,9 +2,12 @@
 
 import re
 
+import pytest
 from playwright.sync_api import expect
 
 from tests.browser.edit_page import EditPage
+
+pytestmark = pytest.mark.slow
 
 
 def test_czech_stays_chosen(open_context, app, fresh_owner):

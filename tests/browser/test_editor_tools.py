@@ -12,6 +12,8 @@ from tests.browser import axe
 from tests.browser.edit_page import EditPage
 from tests.browser.test_photos_first import PASTE
 
+pytestmark = pytest.mark.slow
+
 CORNERS = {"top_left": {"lat": 50.001, "lon": 14.0}, "bottom_right": {"lat": 50.0, "lon": 14.002}}
 
 

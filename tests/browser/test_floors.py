@@ -10,6 +10,8 @@ from playwright.sync_api import expect
 from tests.browser import axe
 from tests.browser.polling import until
 
+pytestmark = pytest.mark.slow
+
 
 def test_a_floor_is_added_and_photos_are_placed_on_it_and_moved(make_page, page, api, tmp_path: Path):
     edit = make_page(2)

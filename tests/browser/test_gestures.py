@@ -7,6 +7,8 @@ from playwright.sync_api import expect
 
 from tests.browser.edit_page import spots
 
+pytestmark = pytest.mark.slow
+
 
 def placed(api, slug):
     """Return the positions in the order of the ids."""

@@ -12,6 +12,8 @@ from tests.browser import axe
 from tests.browser.edit_page import spots
 from tests.browser.landmark_files import align_landmarks, write_landmarks
 
+pytestmark = pytest.mark.slow
+
 PHOTOS = 6
 POINTS = 400
 POINT_COLOUR = (255, 0, 255)
@@ -82,7 +84,6 @@ def test_points_and_cameras_are_drawn_and_a_photo_is_chosen(page, joined):
     expect(page).to_have_url(re.compile(f"/maps/{slug}/edit\\?photo={photos[3]['id']}$"))
 
 
-@pytest.mark.slow
 def test_the_view_is_in_order_wide_and_on_a_phone_light_and_dark(open_context, owner, joined):
     slug, photos = joined
     for screen in ({}, PHONE):

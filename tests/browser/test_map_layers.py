@@ -25,6 +25,8 @@ from tests.browser.test_north_up import (
     turned_map,  # noqa: F401
 )
 
+pytestmark = pytest.mark.slow
+
 SERVICE = "Local imagery"
 ALL_CAME = "[...document.querySelectorAll('.map-background img')].every(({complete}) => complete)"
 BEYOND = (150, 150, 150)

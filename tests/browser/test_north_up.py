@@ -11,6 +11,8 @@ from tests.browser import axe
 from tests.browser.edit_page import EditPage
 from tests.browser.polling import until
 
+pytestmark = pytest.mark.slow
+
 NORTH_DEG = 35.0
 """Direction of north on the image, clockwise from its top."""
 

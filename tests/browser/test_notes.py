@@ -6,6 +6,8 @@ from playwright.sync_api import expect
 from tests.browser import axe
 from tests.browser.edit_page import spots
 
+pytestmark = pytest.mark.slow
+
 TAP = """([x, y]) => {
   const at = { bubbles: true, clientX: x, clientY: y, pointerType: "touch", pointerId: 7, button: 0 };
   const under = document.elementFromPoint(x, y);

@@ -10,6 +10,8 @@ from tests.browser.conftest import PATIENCE_MS
 from tests.browser.edit_page import EditPage
 from tests.browser.test_offline import CUT, PHONE, open_field, photos, ready, until, waiting
 
+pytestmark = pytest.mark.slow
+
 KEPT = """
 async slug => {
   if (!navigator.serviceWorker.controller) return false;

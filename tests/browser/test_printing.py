@@ -2,10 +2,13 @@
 
 import re
 
+import pytest
 from playwright.sync_api import expect
 
 from tests.browser import axe
 from tests.browser.polling import until
+
+pytestmark = pytest.mark.slow
 
 
 def test_a_sheet_is_seen_before_it_is_downloaded(page, sample_map):

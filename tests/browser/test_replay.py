@@ -17,6 +17,8 @@ from rosbags.highlevel import AnyReader
 from tests.browser.app import expmap
 from tests.browser.drawn import DRAWN
 
+pytestmark = pytest.mark.slow
+
 QUICK = 20
 """Replay speed: 395 s take 20."""
 ENDS_WITHIN_S = 240

@@ -2,10 +2,13 @@
 
 import json
 
+import pytest
 from playwright.sync_api import expect
 
 from tests.browser.edit_page import EditPage
 from tests.street_server import Shot
+
+pytestmark = pytest.mark.slow
 
 
 def test_photos_of_an_area_are_counted_added_and_credited(page, api, sample_folder, tmp_path, streets):

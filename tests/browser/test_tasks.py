@@ -5,6 +5,8 @@ from playwright.sync_api import expect
 
 from tests.browser import axe
 
+pytestmark = pytest.mark.slow
+
 PHONE = {
     "viewport": {"width": 390, "height": 844},
     "color_scheme": "dark",

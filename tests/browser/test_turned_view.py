@@ -20,6 +20,8 @@ from tests.browser.test_north_up import (
     turned_map,  # noqa: F401
 )
 
+pytestmark = pytest.mark.slow
+
 PLAN = (150, 30, 150)
 TURN = "one => { const m = new DOMMatrix(getComputedStyle(one).transform); return Math.atan2(m.b, m.a) }"
 MIDDLES = """

@@ -2,9 +2,12 @@
 
 import math
 
+import pytest
 from playwright.sync_api import expect
 
 from tests.browser.edit_page import EditPage, spots
+
+pytestmark = pytest.mark.slow
 
 
 def test_what_one_does_the_other_sees(make_page, context):

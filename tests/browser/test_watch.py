@@ -10,6 +10,8 @@ import pytest
 from tests.browser import axe
 from tests.browser.watch import Watch
 
+pytestmark = pytest.mark.slow
+
 PAGE = '<!doctype html><html lang="en"><title>A page</title><main><h1>Here</h1>{}</main></html>'
 BODIES = {
     "/good": "<p>Nothing is wrong.</p>",

@@ -261,6 +261,7 @@ IN_TABLES = [
 
 
 @pytest.mark.parametrize("where", ["sqlite", "postgresql"])
+@pytest.mark.slow
 def test_a_move_killed_within_and_between_tables_goes_on(folder, server, where, tmp_path):
     url, before = server(), hashes(file_url(folder), tmp_path)
     if where == "postgresql":
