@@ -171,6 +171,7 @@ def test_it_says_that_it_is_not_ready_finishes_its_requests_and_ends(folder, por
         assert not processes(folder)
 
 
+@pytest.mark.slow
 def test_killed_processes_are_replaced(folder, port):
     with served(folder, port) as (server, url, _):
         master, (worker,) = web(folder)

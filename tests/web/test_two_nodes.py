@@ -17,6 +17,8 @@ from webapp.store.backends.request_counts import TABLE
 from webapp.store.library import open_library
 from webapp.store.moving.copying import _tables as records
 
+pytestmark = pytest.mark.slow
+
 PASSWORD = "correct horse battery"
 
 

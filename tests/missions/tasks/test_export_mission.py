@@ -110,6 +110,7 @@ def large(tmp_path_factory, some_poses):
 @pytest.mark.parametrize(
     ("form", "poses"), [("kmz", 100_000), ("gpx", 24_000), ("geojson", 24_000), ("csv", 24_000)]
 )
+@pytest.mark.slow
 def test_many_more_poses_take_no_more_memory(large, form, poses):
     library, made = large
     small, small_size = peak(export.export_mission(library, made[8_000], form=form).pieces)

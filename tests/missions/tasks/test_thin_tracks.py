@@ -354,6 +354,7 @@ def test_killed_anywhere_each_track_is_whole_or_thinned(library, old_mission, af
         assert {track.source: track.poses for track in tracks.list_tracks(session, id)} == expected
 
 
+@pytest.mark.slow
 def test_the_command_that_is_killed_goes_on(library, old_mission):
     ids = [old_mission(1000) for _ in range(3)]
     (would,) = thinned(library, ids[0], METRE, dry_run=True)

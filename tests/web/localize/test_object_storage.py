@@ -59,6 +59,8 @@ from webapp.tasks.operate.backup import back_up, restore
 from webapp.tasks.operate.move import move_to_file, move_to_folder
 from webapp.tasks.satellite import display
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[3]
 ADDER = """
 import sys

@@ -118,6 +118,7 @@ def test_without_its_database_the_rest_is_known(library, figures, monkeypatch):
     assert found["expmap_disk_size_bytes",] > 0
 
 
+@pytest.mark.slow
 def test_what_processes_count_is_added_up(tmp_path):
     environ = {**os.environ, METRICS_FOLDER: str(tmp_path)}
     for count, total in ((2, 2), (3, 5)):
