@@ -58,8 +58,8 @@ def test_a_first_start_shows_how_far_the_sample_map_is(library, settings, monkey
 @pytest.mark.parametrize(
     ("there", "lines"),
     [
-        ("192.168.1.7", ["listening on http://127.0.0.1:{}", "on other machines of this network: http://192.168.1.7:{}",
-                         "sign in: http://192.168.1.7:{}/sign-in/"]),
+        ("192.168.1.7", ["listening on http://127.0.0.1:{}", "on other machines of this network: http://192.168.1.7:{}/sign-in/",
+                         "sign in: http://127.0.0.1:{}/sign-in/"]),
         (None, ["listening on http://127.0.0.1:{}", "sign in: http://127.0.0.1:{}/sign-in/"]),
     ],
 )  # fmt: skip

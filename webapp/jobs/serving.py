@@ -270,8 +270,8 @@ class _Start:
             host, port = self._address
             echo(f"listening on {_url(host, port)}")
             if self._elsewhere is not None:
-                host = self._elsewhere
-                echo(f"on other machines of this network: {_url(host, port)}")
+                there = _url(self._elsewhere, port)
+                echo(f"on other machines of this network: {there}/sign-in/{self._token}")
             echo(f"sign in: {_url(host, port)}/sign-in/{self._token}")
             self._announced = True
 

@@ -67,7 +67,7 @@ function begin() {
     else if (view.ground.bounds) view.map.fitBounds(view.ground.bounds, { animate: false });
   };
   connectGestures({ view, scene, store, player, fit: () => fit() });
-  showLegend(store, lines); // before the view is fitted beside it
+  showLegend(store, lines); // first, as it takes width from the map that is fitted below
   chooseGround(store, view, { services: page.services, maps: page.maps, fit });
   lines.load().catch(toastError);
   showTracks(store, { fit, forget: otherMissions(store, fit) });

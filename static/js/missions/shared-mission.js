@@ -54,7 +54,7 @@ function begin() {
   const fit = (track = null) => fitTo(view, track ? [track] : store.shown.map((one) => one.track));
   const look = ({ lat, lon }) => view.ground && view.reveal(view.ground.flat(lat, lon));
   connectGestures({ view, scene, store, player, fit: () => fit() });
-  showLegend(store, lines); // before the view is fitted beside it
+  showLegend(store, lines); // first, as it takes width from the map that is fitted below
   chooseGround(store, view, { services: page.services, maps: page.maps, fit });
   lines.load().catch(toastError);
   showTracks(store, { fit, forget: () => {} });

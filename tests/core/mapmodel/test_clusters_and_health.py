@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.estimate import NoPose
 from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
-from webapp.core.mapmodel.checks import judge, widest_gap_deg
 from webapp.core.mapmodel.clusters import gather
+from webapp.core.mapmodel.health import judge, widest_gap_deg
 from webapp.core.mapmodel.model import Experience
 from webapp.errors import UsageError
 

@@ -26,7 +26,7 @@ from webapp.connect.mavlink.packets import (
 )
 from webapp.connect.mavlink.vehicles import Moment, Vehicles
 from webapp.errors import InputError, StorageError, UsageError
-from webapp.missions.cli.robot import find_target, min_move_option, target_options
+from webapp.missions.cli.robot import every_option, find_target, min_move_option, target_options
 from webapp.robot.client import RobotClient
 from webapp.robot.options import RobotOptions
 
@@ -42,10 +42,7 @@ _MESSAGES = (GLOBAL_POSITION_INT, ATTITUDE, GPS_RAW_INT, GPS2_RAW, SYSTEM_TIME, 
 @click.argument("source", metavar="FROM")
 @target_options
 @min_move_option
-@click.option(
-    "--every", type=click.FloatRange(0.1), default=2.0, show_default=True, metavar="S",
-    help="Seconds between uploads.",
-)  # fmt: skip
+@every_option
 @click.option(
     "--rate", type=click.FloatRange(0.1, 50.0), metavar="HZ",
     help="Ask vehicles for so many positions a second; without it, nothing is sent to them.",

@@ -71,7 +71,7 @@ def open_link(source: str) -> Link:
     if kind == "serial":
         return _SerialLink(source, place, baud=number)
     if not 0 < number < 65_536:
-        raise UsageError("there is no such port", where=source[:100], hint=_HINT)
+        raise UsageError("the port is not a number from 1 to 65535", where=source[:100], hint=_HINT)
     host = place.strip("[]")
     return (
         _DatagramLink(source, host, port=number) if kind == "udp" else _StreamLink(source, host, port=number)

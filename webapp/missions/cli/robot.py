@@ -42,6 +42,10 @@ _start_option = click.option(
     metavar="LAT,LON,HEADING",
     help="Where the robot started, in degrees: for poses in its own frame.",
 )
+every_option = click.option(
+    "--every", type=click.FloatRange(0.1), default=2.0, show_default=True, metavar="S",
+    help="Seconds between uploads.",
+)  # fmt: skip
 min_move_option = click.option(
     "--min-move",
     default="0.00001deg",
@@ -151,10 +155,7 @@ def parse_start(text: str | None) -> dict[str, float] | None:
 @click.argument("spool", type=_SPOOL)
 @mission_options
 @min_move_option
-@click.option(
-    "--every", type=click.FloatRange(0.1), default=2.0, show_default=True, metavar="S",
-    help="Seconds between uploads.",
-)  # fmt: skip
+@every_option
 @click.option("--at-end", is_flag=True, help="Upload at the end only, or on the line {type: upload}.")
 @click.option(
     "--sync", type=click.FloatRange(0.0), default=0.5, show_default=True, metavar="S",

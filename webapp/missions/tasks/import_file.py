@@ -281,7 +281,7 @@ def _tracks(session: Session, mission: Mission, survey: _Survey, *, key: str, na
         row = tracks.get_or_create(session, mission.id, source=source, name=free)
         row.timed, made[(source, track)] = timed, row.id
         look = survey.looks.get(track, TrackLook())
-        if look.title in titles:  # the names of both files tell them apart
+        if look.title in titles:  # their names, which contain those of the files, differ
             look = replace(look, title="")
         titles.add(look.title)
         row.look = look.fields()

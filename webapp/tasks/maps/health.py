@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from webapp.core.hypotheses.model import Answer
-from webapp.core.mapmodel.checks import judge
+from webapp.core.mapmodel.health import judge
 from webapp.errors import StorageError
 from webapp.files.atomic import write_text
 from webapp.files.listing import DERIVED

@@ -240,7 +240,7 @@ def log_evidence(
 def _log_prior(model: FixModel, factors: Factors) -> float:
     every = [factors.motion, *(factors.stated[group] for group in model.estimated)]
     memory_s = sum(factors.correlated_s[group] for group in model.estimated)
-    # without odometry, motion and errors are hard to tell apart
+    # without odometry, motion and errors are hard to distinguish
     spread = FACTOR_SPREAD if model.reckoned else FACTOR_SPREAD / 2
     return -sum((math.log2(one) / spread) ** 2 for one in every) / 2 - memory_s / USUAL_CORRELATION_S
 
