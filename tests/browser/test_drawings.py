@@ -98,7 +98,7 @@ def test_a_crossing_outline_stays_in_the_dialog(opened):
     page.get_by_test_id("sketch-bar").get_by_role("button", name="Done").click()
     save(page, "Bow tie")
     expect(page.get_by_test_id("error-message")).to_contain_text("crosses")
-    page.get_by_label("Points").fill("50.0771, 14.4175\n50.0771, 14.4181\n50.0775, 14.4181")
+    page.get_by_role("textbox", name="Points").fill("50.0771, 14.4175\n50.0771, 14.4181\n50.0775, 14.4181")
     page.get_by_role("button", name="Save").click()
     expect(page.get_by_test_id("drawing")).to_contain_text("Bow tie")
 
