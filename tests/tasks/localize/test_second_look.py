@@ -1,5 +1,6 @@
 """Method `auto`: a second look with learned features if the first is uncertain and the model installed."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -100,14 +101,15 @@ def test_without_a_budget_there_is_one_look(cfg, with_models):
 
 
 def test_a_busy_machine_during_the_calibration_does_not_cost_the_second_look(cfg, with_models, monkeypatch):
-    looked_for = trials._try
+    find = trials.find_places
 
-    def slowly(tried, photo, **options):
-        done = looked_for(tried, photo, **options)
-        return done if photo < 2 else replace(done, seconds=60.0)
+    def waiting(*args, **options):
+        time.sleep(0.5)
+        return find(*args, **options)
 
-    monkeypatch.setattr(trials, "_try", slowly)
-    assert open_auto(cfg, with_models).looks[1:]
+    monkeypatch.setattr(trials, "find_places", waiting)
+    quick = replace(with_models, retrieval=replace(with_models.retrieval, budget_s=0.4))
+    assert open_auto(cfg, quick).looks[1:]
 
 
 def test_both_are_built_and_calibrated_together_once(cfg, with_models, monkeypatch):

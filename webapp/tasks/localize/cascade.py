@@ -29,7 +29,7 @@ from webapp.tasks.localize.trials import Trial
 Pair = tuple[Look, Look]
 
 _QUICKEST = 0.1
-"""Quantile of the trials' durations that estimates the time of a trial on an idle machine."""
+"""Quantile of the trials' CPU times that estimates the time of a trial on an idle machine."""
 
 _SAME_AREAS = 0.9
 """Minimum share of the photos that both looks assign to the same kind: in an area, or not."""
@@ -139,7 +139,7 @@ def calibrate_looks(pair: Pair, *, progress: Progress) -> StoredCalibration:
 
 
 def _undisturbed_s(trials: Collection[Trial]) -> float:
-    """Estimate the time of a trial on an idle machine: a concurrent build slows many trials down."""
+    """Estimate the time of a trial on an idle machine: beside other work, CPU time grows, too, but less."""
     return float(np.quantile([t.seconds for t in trials], _QUICKEST)) if trials else 0.0
 
 

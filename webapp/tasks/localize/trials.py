@@ -79,7 +79,7 @@ class Trial:
     truth: tuple[float, float]  # (x, y)
     hidden: Hidden
     strong: bool  # The best-matching photo certainly shows the same scene
-    seconds: float  # Duration of the search
+    seconds: float  # CPU time of the search in this thread: a busy machine does not lengthen it
     floor: int = BASE_FLOOR  # Id of its floor
     share: float = 1.0  # Factor on its weight; see `with_queries`
 
@@ -187,14 +187,14 @@ class TriedMap:
         features = features or indexed.features(photo)
         if features is None or without.all():
             return None
-        started = time.perf_counter()
+        started = time.thread_time()
         depths = {} if self.sightings is None else {"depths": DepthsExcluding(self.sightings, without)}
         find = self.find or partial(find_places, indexed)
         hide = indexed.ids[without].tolist()
         found = find(features, fov_deg=float(indexed.fov_deg[photo]), hide=hide, **depths)
         x, y = indexed.position[photo].tolist()
         strong = bool(found.places) and found.places[0].photos[0].inliers >= STRONG_INLIERS
-        seconds, floor = time.perf_counter() - started, int(indexed.floor[photo])
+        seconds, floor = time.thread_time() - started, int(indexed.floor[photo])
         return Trial(found.evidence, found.places, (x, y), hidden, strong, seconds, floor)
 
 
