@@ -27,7 +27,7 @@ from webapp.configuration import load_settings
 from webapp.core.mapmodel.model import Map, UnplacedPhoto
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
-from webapp.settings import let_threads_sleep
+from webapp.settings import restrain_threads
 from webapp.tasks.landmarks.adjust import adjust_submodels
 from webapp.tasks.landmarks.known import AnyPhoto
 from webapp.tasks.landmarks.place_rest import RestReport, suggest_from
@@ -99,7 +99,7 @@ def main() -> None:
     parser.add_argument("--unit", type=float, default=1.0, help="pixels")
     parser.add_argument("--as-clicks", action="store_true", help="GPS positions count as clicked ones")
     options = parser.parse_args()
-    let_threads_sleep()
+    restrain_threads()
     the_map, started = read_map(options.map), time.perf_counter()
     if options.as_clicks:
         placed_by_hand = (replace(e, by_gps=False, gps_accuracy_m=None) for e in the_map.experiences)

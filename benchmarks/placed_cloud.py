@@ -30,7 +30,7 @@ from webapp.files.localize import queries_csv
 from webapp.files.localize.queries_csv import Query
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
-from webapp.settings import let_threads_sleep
+from webapp.settings import restrain_threads
 from webapp.tasks.landmarks.adjust import adjust_submodels
 from webapp.tasks.landmarks.reconstruct import reconstruct
 from webapp.tasks.localize.open_pipeline import open_pipeline
@@ -130,7 +130,7 @@ def main() -> None:
     parser.add_argument("--map-fov", type=float)
     parser.add_argument("--agreeing", type=int, default=40, help="landmarks")
     options = parser.parse_args()
-    let_threads_sleep()
+    restrain_threads()
     figures: dict[str, object] = {"cloud": cloud_figures(options.map, unit=options.unit)}
     if options.queries:
         figures["localization"] = evidence_figures(options)

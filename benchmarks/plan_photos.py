@@ -33,7 +33,7 @@ from webapp.core.mapmodel.recognition import PhotoTrials, Rectangle, estimate_re
 from webapp.errors import PhotoError
 from webapp.files.localize import queries_csv
 from webapp.progress import Progress
-from webapp.settings import let_threads_sleep
+from webapp.settings import restrain_threads
 from webapp.tasks.evaluation.evaluate import with_hidden_photos
 from webapp.tasks.localize.open_pipeline import open_pipeline
 from webapp.tasks.localize.pipeline import LocalizationPipeline
@@ -201,7 +201,7 @@ def main() -> None:
     parser.add_argument("--limit", type=int, help="number of queries, evenly spread")
     parser.add_argument("--index", type=Path)
     options = parser.parse_args()
-    let_threads_sleep()
+    restrain_threads()
     pipeline = open_pipeline(
         options.map,
         OpenOptions(method="verified", features="sift", index=options.index),

@@ -1,12 +1,13 @@
 """Memory and threads of processes."""
 
+import os
 import platform
 import subprocess
 import sys
 
 import pytest
 
-from webapp.settings import environment_for
+from webapp.settings import environment_for, restrain_threads
 
 
 def test_processes_of_the_server_have_few_threads_and_small_heaps(monkeypatch):
@@ -17,6 +18,15 @@ def test_processes_of_the_server_have_few_threads_and_small_heaps(monkeypatch):
     assert "OMP_NUM_THREADS" not in environment_for()
     monkeypatch.setenv("MALLOC_ARENA_MAX", "7")
     assert environment_for()["MALLOC_ARENA_MAX"] == "7"
+
+
+def test_native_threads_are_restrained_unless_the_user_set_them(monkeypatch):
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    monkeypatch.setenv("OMP_WAIT_POLICY", "active")
+    restrain_threads()
+    assert os.environ["OPENBLAS_NUM_THREADS"] == "1"
+    assert os.environ["OMP_WAIT_POLICY"] == "active"
+    assert environment_for(3)["OPENBLAS_NUM_THREADS"] == "1"
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="glibc's malloc only")

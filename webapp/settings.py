@@ -371,13 +371,16 @@ class Settings:
     """File with the map tile services to offer, instead of the default ones."""
 
 
-def let_threads_sleep() -> None:
-    """Make OpenMP's threads sleep while they wait for each other; to be called before OpenMP is loaded.
+def restrain_threads() -> None:
+    """Keep the threads of native libraries from slowing other work down; to be called before they are loaded.
 
-    By default they wait in a busy loop, which made a search thirty times slower when other programs used the
-    cores as well. An existing `OMP_WAIT_POLICY` is kept.
+    OpenMP's threads sleep while they wait for each other: by default they wait in a busy loop, which made a
+    search thirty times slower when other programs used the cores as well. OpenBLAS has one thread: our
+    matrices are small, and with two, a fusion beside other programs took 3.5 times the processor time.
+    Existing variables are kept.
     """
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # parameters of mallopt(3)
@@ -406,10 +409,10 @@ def environment_for(native_threads: int | None = None) -> dict[str, str]:
     The libraries read these variables when they are loaded. Variables that the user has set are kept.
 
     Args:
-        native_threads: Limit of the threads of OpenMP and OpenBLAS; by default none.
+        native_threads: Limit of the threads of OpenMP; by default none.
     """
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS") if native_threads else ()
-    return {name: str(native_threads) for name in names} | _HEAPS | dict(os.environ)
+    threads = {"OMP_NUM_THREADS": str(native_threads)} if native_threads else {}
+    return threads | _HEAPS | dict(os.environ)
 
 
 METRICS_FOLDER = "PROMETHEUS_MULTIPROC_DIR"

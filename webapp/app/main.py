@@ -17,7 +17,7 @@ from webapp.cli.exitcodes import INTERRUPTED, exit_code
 from webapp.configuration import use_config
 from webapp.errors import ExpMapError
 from webapp.importing import import_name
-from webapp.settings import let_threads_sleep
+from webapp.settings import restrain_threads
 
 if TYPE_CHECKING:
     from webapp.jobs.kinds import JobRegistry
@@ -344,7 +344,7 @@ root = LazyGroup(
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command and exit with its code; an error is one line on standard error."""
-    let_threads_sleep()
+    restrain_threads()
     try:
         code = root.main(args=arguments, prog_name="expmap", standalone_mode=False, obj=COMPOSITION)
     except click.exceptions.NoArgsIsHelpError as error:

@@ -36,7 +36,7 @@ from webapp.configuration import load_settings
 from webapp.importing import import_name
 from webapp.jobs.acceptor import ReceivingEnd
 from webapp.logs import FORMS, log_to_stderr
-from webapp.settings import Settings, let_threads_sleep
+from webapp.settings import Settings, restrain_threads
 from webapp.threads import cores
 
 LEAST_BYTES_PER_S = 2000
@@ -342,7 +342,7 @@ def gunicorn_options(settings: Settings, *, fd: int, workers: int) -> dict[str, 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Serve, with the arguments that the supervisor passes."""
-    let_threads_sleep()
+    restrain_threads()
     parser = argparse.ArgumentParser()
     parser.add_argument("app")
     parser.add_argument("--library", type=Path, required=True)
