@@ -9,6 +9,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from packaging.metadata import Metadata
 
 from tests.design.conftest import run
 from webapp.app.main import root
@@ -101,6 +102,28 @@ def test_the_wheel_holds_the_program_and_nothing_else(wheel, modules, project):
     rest = {name for name in names - program - pages if ".dist-info/" not in name}
     assert program | pages <= names
     assert rest == set()
-    metadata = next(name for name in names if name.endswith("METADATA"))
-    text = zipfile.ZipFile(wheel).read(metadata).decode("utf-8")
-    assert "Name: experience-map\n" in text and "License-Expression: MIT\n" in text
+
+
+def test_a_package_index_accepts_its_metadata(wheel):
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = (n for n in archive.namelist() if n.endswith(".dist-info/METADATA"))
+        found = Metadata.from_email(archive.read(name), validate=True)
+    assert (found.name, found.license_expression, found.description_content_type) == (
+        "experience-map",
+        "MIT",
+        "text/markdown",
+    )
+    assert "Framework :: Flask" in found.classifiers
+    assert {"learned", "missions", "sfm", "connect", "all"} <= set(found.provides_extra)
+
+
+def test_built_again_elsewhere_and_later_it_is_the_same_byte_for_byte(wheel, project, tracked, tmp_path):
+    for path in tracked:
+        copy = tmp_path / "elsewhere" / path.relative_to(project)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        copy.write_bytes(path.read_bytes())
+    options = ["--wheel", "--no-isolation", "--outdir", tmp_path / "dist"]
+    run(sys.executable, "-m", "build", *options, tmp_path / "elsewhere", cwd=tmp_path)
+    (again,) = (tmp_path / "dist").glob("*.whl")
+    assert again.name == wheel.name
+    assert again.read_bytes() == wheel.read_bytes()
