@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import tomllib
 from configparser import ConfigParser
 
 import pytest
@@ -32,6 +33,21 @@ def page(project):
 @pytest.fixture(scope="module")
 def compose(project):
     return yaml.safe_load((project / ".docker" / "cluster.yaml").read_text("utf-8"))
+
+
+def test_the_image_is_built_from_everything_that_the_wheel_holds(project):
+    """Else `pip install .` in the container leaves pages or the manual out, and says nothing."""
+    table = tomllib.loads((project / "pyproject.toml").read_text("utf-8"))
+    parts = {
+        *table["tool"]["hatch"]["build"]["targets"]["wheel"]["only-include"],
+        "pyproject.toml",
+        "README.md",
+    }
+    docker = project / ".docker"
+    ignored = (docker / "Dockerfile.dockerignore").read_text("utf-8").split()
+    copied = re.findall(r"^COPY (.+) \S+$", (docker / "Dockerfile").read_text("utf-8"), re.M)
+    assert {f"!{part}" for part in parts} <= set(ignored)
+    assert parts <= {part for line in copied for part in line.split()}
 
 
 def blocks(page, begin):
