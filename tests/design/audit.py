@@ -1,4 +1,4 @@
-"""Known vulnerabilities of dependencies, modified third-party scripts, unusual licences: `make audit`.
+"""Known vulnerabilities of dependencies, modified scripts, unusual licences, missing wheels: `make audit`.
 
 Without a network, checks that need it are skipped with a message. The exit code is 1 if something was
 found. What an installation with the extra `all` consists of is written to `build/sbom.cdx.json`.
@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import Distribution, distribution, distributions
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -107,11 +108,27 @@ FOR_TESTS = PERMISSIVE | {"GNU Library or Lesser General Public License (LGPL)",
 """Packages that are not part of an installation with the extra `all`."""
 
 
+PLATFORMS = {
+    "amd64": ("manylinux_2_28_x86_64", "manylinux2014_x86_64"),
+    "arm64": ("manylinux_2_28_aarch64", "manylinux2014_aarch64"),
+}
+"""Platforms of the container, as pip names them."""
+
+WITHOUT_WHEEL = {("poselib", "arm64"), ("pycolmap", "arm64")}
+"""Known to be missing; `docs/operating.md` says what to do."""
+
+
 def main() -> None:
     """Write the bill of materials, run all checks, print findings and what was skipped."""
     SBOM.parent.mkdir(exist_ok=True)
     SBOM.write_text(json.dumps(bill_of_materials(), indent=1) + "\n", "utf-8")
-    found = [*changed_scripts(), *unusual_licences(), *vulnerable_packages(), *vulnerable_scripts()]
+    found = [
+        *changed_scripts(),
+        *unusual_licences(),
+        *vulnerable_packages(),
+        *vulnerable_scripts(),
+        *missing_wheels(),
+    ]
     problems = [line for line in found if not line.startswith("SKIPPED")]
     sys.stdout.write("\n".join(found or ["nothing was found"]) + "\n")
     raise SystemExit(1 if problems else 0)
@@ -244,6 +261,29 @@ def vulnerable_scripts() -> Iterator[str]:
         return
     for name, facts in known.items():
         yield f"{name} has a vulnerability, {facts['severity']}"
+
+
+def missing_wheels() -> Iterator[str]:
+    """Ask pip for a wheel of each package of the container, for each platform, without fetching it."""
+    shipped = sorted(_shipped("experience-map", {"all"}))
+    wanted = [(name, platform) for name in shipped for platform in PLATFORMS]
+    with ThreadPoolExecutor(8) as pool:
+        answers = list(pool.map(_ask_for_wheel, *zip(*wanted, strict=True)))
+    if all(done.returncode for done in answers):
+        yield _skipped("wheels for the container", answers[0])
+        return
+    for (name, platform), done in zip(wanted, answers, strict=True):
+        lacks = done.returncode != 0
+        if lacks != ((name, platform) in WITHOUT_WHEEL):
+            yield f"{name} has {'no' if lacks else 'a'} wheel for Linux on {platform}"
+
+
+def _ask_for_wheel(name: str, platform: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "pip", "install", "--quiet", "--dry-run", "--no-deps"]
+    command += ["--ignore-installed", "--only-binary=:all:", "--python-version", "3.12"]
+    command += [word for tag in PLATFORMS[platform] for word in ("--platform", tag)]
+    with tempfile.TemporaryDirectory() as folder:
+        return _run([*command, "--target", folder, f"{name}=={distribution(name).version}"])
 
 
 def _skipped(what: str, failed: subprocess.CompletedProcess[str]) -> str:

@@ -64,3 +64,20 @@ def test_the_bill_of_materials_lists_packages_and_scripts_with_their_licences():
     assert {"numpy", "flask", "rasterio", "leaflet", "three"} <= parts.keys()
     assert "axe-core" not in parts and "pytest" not in parts, "what tests use is not installed"
     assert all(part["licenses"] and part["purl"].endswith(f"@{part['version']}") for part in parts.values())
+
+
+def test_a_wheel_that_is_missing_on_a_platform_is_reported(monkeypatch):
+    lacking = {"numpy": "aarch64", "poselib": "aarch64"}  # pycolmap has one now
+
+    def pip(command, *, cwd=None):
+        name, asked = command[-1].partition("==")[0], " ".join(map(str, command))
+        lacks = lacking.get(name, "nowhere") in asked
+        return subprocess.CompletedProcess(command, int(lacks), "", "ERROR: No matching distribution found")
+
+    monkeypatch.setattr(audit, "_run", pip)
+    assert list(audit.missing_wheels()) == [
+        "numpy has no wheel for Linux on arm64",
+        "pycolmap has a wheel for Linux on arm64",
+    ]
+    monkeypatch.setattr(audit, "_run", answers("", code=1, stderr="ERROR: no route to host"))
+    assert list(audit.missing_wheels()) == ["SKIPPED: wheels for the container: ERROR: no route to host"]
