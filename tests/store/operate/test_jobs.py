@@ -541,19 +541,42 @@ def test_a_failure_is_shown_until_the_job_is_repeated_for_a_week_at_most(do, tak
     assert ids() == []
 
 
-def test_a_failure_to_fetch_an_image_is_over_once_the_map_got_another(do, take, at, park):
+def test_a_failure_about_the_image_is_over_once_the_map_got_another(do, take, at, park):
     ids = lambda: do(lambda s: [job.id for job in job_views.shown(s, park)])  # noqa: E731
-    for kind in (job_views.TILES_JOB, "index"):
+    for kind in (job_views.TILES_JOB, job_views.PYRAMID_JOB, "index"):
         do(jobs.enqueue, kind, map_id=park)
         do(jobs.fail, take(), error=ERROR)
-    tiles, index = ids()
-    at(3600)
-    assert ids() == [tiles, index]
-    do(lambda s: s.add(Edit(map_id=park, kind="satellite", changes=[], revision=1, at=clock.now())))
-    assert ids() == [index]
+    *about_image, index = ids()
+    at(2)
+    assert ids() == [*about_image, index]
+    image = {"map_id": park, "kind": "satellite", "changes": [], "revision": 1, "at": clock.now()}
+    do(lambda s: s.add(Edit(**image)))
+    assert ids() == [index], "at once"
     do(jobs.enqueue, job_views.TILES_JOB, map_id=park)
     do(jobs.fail, take(), error=ERROR)
     assert len(ids()) == 2
+
+
+def test_a_fetch_that_fails_after_another_image_was_chosen_is_not_shown(do, take, at, park, library):
+    do(jobs.enqueue, job_views.TILES_JOB, map_id=park)
+    held = take()
+    at(3600)
+    chosen = clock.now() + timedelta(seconds=60)
+    do(lambda s: s.add(Edit(map_id=park, kind="satellite", changes=[], revision=1, at=chosen)))
+    do(jobs.fail, held, error=ERROR)
+    assert do(lambda s: job_views.shown(s, park)) == []
+
+
+def test_a_failure_is_over_once_another_job_of_its_kind_succeeds(do, take, at, park):
+    ids = lambda: do(lambda s: [job.id for job in job_views.shown(s, park)])  # noqa: E731
+    failed = do(jobs.enqueue, "index", map_id=park, key="xfeat").id
+    do(jobs.fail, take(), error=ERROR)
+    at(1)
+    later = do(jobs.enqueue, "index", map_id=park).id
+    assert ids() == [failed, later]
+    at(1)
+    do(jobs.finish, take())
+    assert ids() == [later]
 
 
 def test_time_left():
