@@ -118,9 +118,9 @@ export class TilesPanel {
     const { width, height, tiles, metresPerPixel } = cut(box, zoom);
     const { max_tiles } = this.slippy.service();
     const size = t("{width} × {height} pixels", { width: number(width), height: number(height) });
-    const parts = [size, t("{metres} m per pixel", { metres: metresText(metresPerPixel) }), tn("{n} tile", "{n} tiles", tiles)];
+    const parts = [size, t("{metres} m per pixel", { metres: metresText(metresPerPixel) }), tn("{n} piece to download", "{n} pieces to download", tiles)];
     if (tiles > max_tiles) {
-      parts.push(tn("only {n} tile is allowed: smaller area or zoom", "only {n} tiles are allowed: smaller area or zoom", max_tiles));
+      parts.push(tn("only {n} piece is allowed: smaller area or zoom", "only {n} pieces are allowed: smaller area or zoom", max_tiles));
       place.classList.add("sat-estimate--bad");
       button.disabled = true;
     }
@@ -185,7 +185,7 @@ export class TilesPanel {
     const bar = box.querySelector("progress");
     if (state === "running" && total) Object.assign(bar, { max: total, value: done });
     else bar.removeAttribute("value");
-    const words = [state === "queued" ? queuedText(job) : t("{done} of {total} tiles", { done: number(done), total: number(total) })];
+    const words = [state === "queued" ? queuedText(job) : t("{done} of {total} pieces of the image", { done: number(done), total: number(total) })];
     if (left) words.push(t("about {time} left", { time: duration(left) }));
     box.querySelector("[data-part=words]").textContent = words.join(" · ");
   }
