@@ -34,7 +34,7 @@ export class TilesPanel {
     this.slippy = null;
     this.job = null;
     this._goTo();
-    if (page.failure && !isDismissed(page.failure.id)) byId("notes").after(failureNote(page.failure));
+    if (page.failure && !isDismissed(page.failure.id)) byId("notes").after(this._offerBlank(failureNote(page.failure)));
     goHere(byId("tile-here"), () => this.slippy?.map);
     byId("tile-service").addEventListener("change", () => this._service());
     byId("tile-view").addEventListener("click", () => this.rectangle.ofView());
@@ -146,11 +146,14 @@ export class TilesPanel {
     }
   }
 
-  /** An error message that offers a blank plan, which needs no network. */
   _problem({ message, hint }) {
-    const shown = note("danger", message, hint);
+    return this._offerBlank(note("danger", message, hint));
+  }
+
+  /** Offer a blank plan, which needs no network, in an error message. @param {HTMLElement} shown */
+  _offerBlank(shown) {
     const button = h("button", { class: "button", type: "button", onclick: this.blank }, icon("image"), t("Blank plan"));
-    shown.lastElementChild.append(h("div", { class: "row" }, t("A blank plan needs no network:"), button));
+    shown.querySelector(":scope > div").append(h("div", { class: "row" }, t("A blank plan needs no network:"), button));
     return shown;
   }
 
