@@ -17,8 +17,6 @@ const FLOOR_Z = 2;
 const UNDER_FLOOR = 0.35;
 /** Opacity of a floor while it is compared with the map. */
 const BLENDED = 0.55;
-/** Half of a dot and its ring. */
-const DOT_PX = 12;
 
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
 
@@ -171,8 +169,7 @@ export class MapView {
   /** Pan to a map pixel unless it is in the part of the map that is on the screen; the whole image is rather left whole. */
   reveal(pixel, { margin = 40 } = {}) {
     const point = this.map.latLngToContainerPoint(latLngOf(pixel));
-    const edge = this._whole ? Math.min(margin, DOT_PX) : margin;
-    const by = panInto(point, onScreen(this.element.getBoundingClientRect(), innerHeight), edge);
+    const by = panInto(point, onScreen(this.element.getBoundingClientRect(), innerHeight), this._whole ? 0 : margin);
     if (by[0] || by[1]) this.map.panBy(by, { animate: !calm.matches });
   }
 
