@@ -392,7 +392,7 @@ def test_tiles_are_offered_with_where_they_come_from(page, context, mission, sen
     page.goto(f"/missions/{mission}")
     offer = by_id(page, "ground-offer")
     host = urlsplit(tiles.url).netloc
-    expect(offer).to_contain_text(f"Tiles would be fetched from {host}.")
+    expect(offer).to_contain_text(f"A background map would be fetched from {host}.")
     assert axe.findings(page) == [] and not any(host in url for url in asked)
     offer.get_by_role("button", name="Show a background map").click()
     expect(page.locator("#map-canvas .leaflet-tile")).not_to_have_count(0)
