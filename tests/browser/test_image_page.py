@@ -40,7 +40,7 @@ def choose_area(page):
     page.get_by_label("Go to").first.fill("50.0772, 14.4175")
     page.keyboard.press("Enter")
     by_id(page, "tile-view").click()
-    expect(by_id(page, "tile-estimate")).to_contain_text("tiles")
+    expect(by_id(page, "tile-estimate")).to_contain_text("pieces to download")
 
 
 def click_at(page, id, *, across, down):

@@ -64,6 +64,13 @@ def open_page(page, slug, api):
     return page
 
 
+def test_in_a_low_window_the_answer_comes_into_sight(page, api, sample_map, queries):
+    page.set_viewport_size({"width": 683, "height": 384})
+    open_page(page, sample_map, api)
+    page.get_by_test_id("query-input").set_input_files(queries / QUERY)
+    expect(entries(page).first).to_be_in_viewport(ratio=0.9)
+
+
 def entries(page):
     return page.get_by_test_id("hypothesis")
 

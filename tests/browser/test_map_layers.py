@@ -184,7 +184,7 @@ def test_tiles_that_failed_are_asked_for_again_when_the_network_is_back(turned_m
     page.context.watch.expect(404)
     EditPage(page, turned_map()).open()
     choose(page, SERVICE)
-    expect(page.locator("#layers-status")).to_contain_text("No tiles came from")
+    expect(page.locator("#layers-status")).to_contain_text("No map of this place came from")
     page.unroute(addresses)
     page.route(addresses, lambda route: route.fulfill(body=tile_of(1, 0, 0), content_type="image/png"))
     page.evaluate("dispatchEvent(new Event('online'))")

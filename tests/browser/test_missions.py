@@ -288,14 +288,14 @@ def test_a_track_from_a_file(page, tmp_path):
     by_id(page, "import-track").click()
     assert axe.findings(page) == []
     by_id(page, "track-file").set_input_files(track)
-    expect(by_id(page, "import-file")).to_contain_text("90 poses")
+    expect(by_id(page, "import-file")).to_contain_text("90 positions")
     by_id(page, "import-start").click()
     page.wait_for_url(re.compile(r"/missions/\d+$"), timeout=WORK_MS)
     expect(page.get_by_role("heading", level=1)).to_have_text("morning walk")
     expect(by_id(page, "track")).to_contain_text("90")
     wait_for_pixels(page, lambda count: count >= 300)
     page.goto("/missions")
-    expect(by_id(page, "mission").filter(has_text="morning walk")).to_contain_text("90 poses")
+    expect(by_id(page, "mission").filter(has_text="morning walk")).to_contain_text("90 positions")
 
 
 def test_a_track_without_times_shows_no_speed(page, tmp_path):
@@ -392,9 +392,9 @@ def test_tiles_are_offered_with_where_they_come_from(page, context, mission, sen
     page.goto(f"/missions/{mission}")
     offer = by_id(page, "ground-offer")
     host = urlsplit(tiles.url).netloc
-    expect(offer).to_contain_text(f"Tiles would be fetched from {host}.")
+    expect(offer).to_contain_text(f"A background map would be fetched from {host}.")
     assert axe.findings(page) == [] and not any(host in url for url in asked)
-    offer.get_by_role("button", name="Show map tiles").click()
+    offer.get_by_role("button", name="Show a background map").click()
     expect(page.locator("#map-canvas .leaflet-tile")).not_to_have_count(0)
     expect(offer).to_be_hidden()
 

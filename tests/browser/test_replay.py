@@ -112,7 +112,7 @@ def test_a_track_appears_and_grows_while_it_is_replayed(page, api, bag, new, rep
     poses, ink = [], []
     until = time.monotonic() + ENDS_WITHIN_S
     while live.inner_text() == "Live" and time.monotonic() < until:
-        (shown,) = re.findall(r"Poses\s*([\d,]+)", track.inner_text())
+        (shown,) = re.findall(r"Positions\s*([\d,]+)", track.inner_text())
         poses.append(int(shown.replace(",", "")))
         ink.append(page.evaluate(DRAWN))
         page.wait_for_timeout(500)

@@ -91,6 +91,7 @@ def test_it_fits_a_phone_with_the_photo_first(open_context, owner, sample_map):
     assert phone.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
     photo, canvas = (phone.locator(one).bounding_box() for one in ("#photo-frame", "#map-canvas"))
     assert photo["y"] + photo["height"] <= canvas["y"]
+    assert canvas["y"] + canvas["height"] <= PHONE["viewport"]["height"], "the map is in sight, with its dot"
     assert axe.findings(phone) == []
 
 

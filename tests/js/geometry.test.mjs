@@ -3,7 +3,7 @@ import { test } from "node:test";
 
 import "./page.mjs";
 
-const { Georeference } = await import("../../static/js/shared/map/coords.js");
+const { Georeference, onScreen, panInto } = await import("../../static/js/shared/map/coords.js");
 const { inkOn, SCALE, stepOf, STEPS } = await import("../../static/js/missions/colour-scales.js");
 const { PixelFromLatLon } = await import("../../static/js/shared/map/latlon-to-pixel.js");
 const { metresBetween, TrackPoints } = await import("../../static/js/missions/track-points.js");
@@ -91,4 +91,16 @@ test("values are put on the colour scale, those outside at its ends", () => {
 test("files that file managers leave behind are not uploaded", () => {
   const names = ["a.jpg", ".DS_Store", "Thumbs.db", "._b.jpg", "desktop.ini"];
   assert.deepEqual(usable(names.map((name) => ({ name }))).map(({ name }) => name), ["a.jpg"]);
+});
+
+test("a place is revealed in the part of a map that is on the screen", () => {
+  const map = { left: 0, top: 570, right: 390, bottom: 890 }; // a phone of 844 pixels shows the upper 274
+  assert.deepEqual(onScreen(map, 844), { left: 0, top: 0, right: 390, bottom: 274 });
+  assert.deepEqual(onScreen({ ...map, top: -100, bottom: 220 }, 844), { left: 0, top: 100, right: 390, bottom: 320 });
+  assert.deepEqual(onScreen({ ...map, top: 900, bottom: 1220 }, 844), { left: 0, top: 0, right: 390, bottom: 320 }, "below the screen");
+  const part = onScreen(map, 844);
+  assert.deepEqual(panInto({ x: 200, y: 150 }, part, 40), [0, 0]);
+  assert.deepEqual(panInto({ x: 200, y: 300 }, part, 40), [0, 163], "only up");
+  assert.deepEqual(panInto({ x: 380, y: 10 }, part, 40), [185, -127]);
+  assert.deepEqual(panInto({ x: 200, y: 45 }, { ...part, bottom: 90 }, 70), [0, 0], "the margin leaves a third");
 });

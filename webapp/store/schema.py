@@ -383,6 +383,8 @@ class Job(Base):
     """How often something was unavailable."""
     urgent: Mapped[bool] = mapped_column(default=False, server_default=false())
     """Whether somebody waits for it, so that it comes before work in the background."""
+    asked_at: Mapped[datetime | None]
+    """When a photo was last sent that cannot be localized before it is done."""
     created_at: Mapped[datetime] = mapped_column(default=now)
     started_at: Mapped[datetime | None]
     ended_at: Mapped[datetime | None] = mapped_column(index=True)

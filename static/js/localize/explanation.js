@@ -28,7 +28,7 @@ function rows(session, { options, askAgain }) {
   facts.push([t("Matches"), t("{n}, {left} left after pruning", { n: numberText(counts.matches), left: numberText(counts.matches_pruned) })]);
   if (hypothesis) {
     const { inliers, matches } = hypothesis;
-    facts.push([t("For this place"), inliers === null ? t("{n} matches", { n: matches }) : withTerm(t("{inliers} inliers of {n} matches", { inliers, n: matches }))]);
+    facts.push([t("For this place"), inliers === null ? t("{n} matches", { n: matches }) : withTerm(t("{inliers} matching points, of {n} compared", { inliers, n: matches }))]);
     facts.push([t("Photos"), hypothesis.experiences.join(", ")]);
   }
   if (counts.distance_mean !== null) {

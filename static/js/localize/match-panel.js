@@ -112,5 +112,5 @@ const behind = (part) => (part ? [" · ", part] : []);
 
 function count({ inlier }) {
   const inliers = inlier.filter(Boolean).length;
-  return [t("{inliers} inliers of {n} matches", { inliers, n: inlier.length }), " ", term("inliers")];
+  return [t("{inliers} matching points, of {n} compared", { inliers, n: inlier.length }), " ", term("inliers")];
 }

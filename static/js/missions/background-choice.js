@@ -21,7 +21,7 @@ export function chooseGround(store, view, { services, maps, fit }) {
     ...(isOnImage(store.mission) ? [["image", t("Image of the map")]] : []),
     ...maps.map(({ slug, name }) => [OF_MAP + slug, t("Image of {name}", { name })]),
     ["plain", t("Plain, in metres")],
-    ...services.map(({ name, url }) => [name, t("{name} (tiles of {host})", { name, host: hostOf(url) })]),
+    ...services.map(({ name, url }) => [name, t("{name} (fetched from {host})", { name, host: hostOf(url) })]),
   ];
   const make = (name) => {
     if (name === "image") return new ImageGround(store.mission.satellite);
@@ -73,7 +73,7 @@ function offer(service, take) {
   if (!box) return; // pages for visitors lack it
   box.hidden = !service;
   if (!service) return;
-  byId("ground-offer-text").textContent = t("No map shows this place. Tiles would be fetched from {host}.", { host: hostOf(service.url) });
+  byId("ground-offer-text").textContent = t("No map shows this place. A background map would be fetched from {host}.", { host: hostOf(service.url) });
   byId("ground-offer-yes").onclick = take;
   byId("ground-offer-no").onclick = () => {
     remember("plain");

@@ -89,7 +89,7 @@ function card(mission) {
   const facts = [
     way ? lengthText(way) : null,
     duration ? spanText(duration) : null,
-    tn("{n} pose", "{n} poses", poses),
+    tn("{n} position", "{n} positions", poses),
     objects ? tn("{n} object", "{n} objects", objects) : null,
     photos ? tn("{n} photo", "{n} photos", photos) : null,
   ].filter(Boolean);
@@ -171,7 +171,7 @@ function create() {
   const { select, field: map } = mapField();
   const begin = new StartPose();
   const error = errorLine();
-  const start = h("details", {}, h("summary", {}, t("Start pose of the robot")), h("div", { class: "stack stack--tight" },
+  const start = h("details", {}, h("summary", {}, t("Start position of the robot")), h("div", { class: "stack stack--tight" },
     h("p", { class: "soft small" }, t("For robots that report positions in their own frame: its origin, and the direction of its x axis, clockwise from north.")),
     startFields(begin, { titled: false })));
   const make = h("button", { class: "button button--primary", type: "button" }, t("Create"));

@@ -48,7 +48,7 @@ async function choose(store, show) {
       dialog.close();
       show(id);
     },
-  }, h("span", { class: "grow" }, name), h("span", { class: "soft small number" }, tn("{n} pose", "{n} poses", poses))));
+  }, h("span", { class: "grow" }, name), h("span", { class: "soft small number" }, tn("{n} position", "{n} positions", poses))));
   try {
     const { missions } = await missionList();
     const offered = missions.filter(({ id }) => !store.missions.has(id));

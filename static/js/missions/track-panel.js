@@ -76,10 +76,10 @@ function facts(track) {
     rows.push([t("Duration"), `${spanText(duration)} (${speed})`]);
   }
   const left = skipped ? `, ${tn("{n} left out, as it had hardly moved", "{n} left out, as it had hardly moved", skipped)}` : "";
-  rows.push([t("Poses"), poses.toLocaleString(locale) + left]);
+  rows.push([t("Positions"), poses.toLocaleString(locale) + left]);
   if (removed) {
     const how = error === null ? t("only both ends are left") : t("to {error}", { error: lengthText(error) });
-    rows.push([t("Thinned"), `${tn("{n} pose removed", "{n} poses removed", removed)}, ${how}`]);
+    rows.push([t("Thinned"), `${tn("{n} position removed", "{n} positions removed", removed)}, ${how}`]);
   }
   if (track.first_time_s !== null && track.first_time_s !== undefined) rows.push([t("Begin"), clockText(track.first_time_s)]);
   if (!track.timed) rows.push([t("Times"), t("unknown: only the order of the points is known")]);

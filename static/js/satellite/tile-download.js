@@ -34,7 +34,7 @@ export class TilesPanel {
     this.slippy = null;
     this.job = null;
     this._goTo();
-    if (page.failure && !isDismissed(page.failure.id)) byId("notes").after(failureNote(page.failure));
+    if (page.failure && !isDismissed(page.failure.id)) byId("notes").after(this._offerBlank(failureNote(page.failure)));
     goHere(byId("tile-here"), () => this.slippy?.map);
     byId("tile-service").addEventListener("change", () => this._service());
     byId("tile-view").addEventListener("click", () => this.rectangle.ofView());
@@ -118,9 +118,9 @@ export class TilesPanel {
     const { width, height, tiles, metresPerPixel } = cut(box, zoom);
     const { max_tiles } = this.slippy.service();
     const size = t("{width} × {height} pixels", { width: number(width), height: number(height) });
-    const parts = [size, t("{metres} m per pixel", { metres: metresText(metresPerPixel) }), tn("{n} tile", "{n} tiles", tiles)];
+    const parts = [size, t("{metres} m per pixel", { metres: metresText(metresPerPixel) }), tn("{n} piece to download", "{n} pieces to download", tiles)];
     if (tiles > max_tiles) {
-      parts.push(tn("only {n} tile is allowed: smaller area or zoom", "only {n} tiles are allowed: smaller area or zoom", max_tiles));
+      parts.push(tn("only {n} piece is allowed: smaller area or zoom", "only {n} pieces are allowed: smaller area or zoom", max_tiles));
       place.classList.add("sat-estimate--bad");
       button.disabled = true;
     }
@@ -146,11 +146,14 @@ export class TilesPanel {
     }
   }
 
-  /** An error message that offers a blank plan, which needs no network. */
   _problem({ message, hint }) {
-    const shown = note("danger", message, hint);
+    return this._offerBlank(note("danger", message, hint));
+  }
+
+  /** Offer a blank plan, which needs no network, in an error message. @param {HTMLElement} shown */
+  _offerBlank(shown) {
     const button = h("button", { class: "button", type: "button", onclick: this.blank }, icon("image"), t("Blank plan"));
-    shown.lastElementChild.append(h("div", { class: "row" }, t("A blank plan needs no network:"), button));
+    shown.querySelector(":scope > div").append(h("div", { class: "row" }, t("A blank plan needs no network:"), button));
     return shown;
   }
 
@@ -185,7 +188,7 @@ export class TilesPanel {
     const bar = box.querySelector("progress");
     if (state === "running" && total) Object.assign(bar, { max: total, value: done });
     else bar.removeAttribute("value");
-    const words = [state === "queued" ? queuedText(job) : t("{done} of {total} tiles", { done: number(done), total: number(total) })];
+    const words = [state === "queued" ? queuedText(job) : t("{done} of {total} pieces of the image", { done: number(done), total: number(total) })];
     if (left) words.push(t("about {time} left", { time: duration(left) }));
     box.querySelector("[data-part=words]").textContent = words.join(" · ");
   }

@@ -10,7 +10,7 @@ import { sentence, toastError } from "./toast.js";
 export const REASONS = {
   index: () => t("New photos will be found on this map."),
   evaluate: () => t("It shows how often and how precisely photos are found."),
-  "satellite-pyramid": () => t("Large images are shown in tiles, so that they move smoothly."),
+  "satellite-pyramid": () => t("Large images are cut into pieces, so that they move smoothly."),
   "mission-pieces": () => t("Long tracks are shown in pieces, so that they move smoothly."),
 };
 
@@ -165,7 +165,7 @@ export function kindName(kind) {
     sample: t("Sample map"),
     "satellite-pyramid": t("Large image"),
     "street-photos": t("Street-level photos"),
-    "satellite-tiles": t("Satellite image from tiles"),
+    "satellite-tiles": t("Satellite image from a map service"),
     health: t("Map health"),
     landmarks: t("Landmarks"),
     "place-rest": t("Places for the rest"),

@@ -42,7 +42,7 @@ class People {
     const name = h("input", { class: "input grow", name: "name", required: true, maxlength: 60, autocomplete: "off", autocapitalize: "none", autofocus: matchMedia("(pointer: fine)").matches, placeholder: t("Name of an account"), "aria-label": t("Name of an account") });
     const role = roleSelect(t("Role"), "viewer");
     const add = h("button", { class: "button" }, icon("plus"), t("Add"));
-    const form = h("form", { class: "row" }, name, role, add);
+    const form = h("form", { class: "row share-add" }, name, role, add);
     form.addEventListener("submit", (event) => {
       event.preventDefault();
       busy(add, async () => {

@@ -46,7 +46,9 @@ function begin() {
   steps.show();
   new Strip(walk, image, jump);
   const whole = new WholeScreen(byId("photo"), byId("photo-whole", HTMLButtonElement));
-  store.on("current", () => view.reveal(store.position(store.currentId)));
+  const reveal = () => store.currentId !== null && view.reveal(store.position(store.currentId));
+  store.on("current", reveal);
+  reveal();
   addEventListener("popstate", () => {
     if (orderInAddress() !== walk.order) walk.choose({ order: orderInAddress() });
     store.setCurrent(known(store, photoInAddress()) ?? walk.ids[0]);

@@ -65,6 +65,11 @@ def seen(do):
     return lambda id: do(lambda session: job_views.to_json(session, jobs.find(session, id)))
 
 
+def ask(do, id):
+    """A photo is sent that waits for a job."""
+    do(lambda session: jobs.ask(session, jobs.find(session, id)))
+
+
 def test_two_waiting_jobs_of_one_kind_are_one(do, take, park):
     first = do(jobs.enqueue, "index", map_id=park, key="x")
     assert do(jobs.enqueue, "index", map_id=park, key="x").id == first.id
@@ -165,6 +170,60 @@ def test_a_job_makes_room_three_times(do, take, at, new_account):
         assert first.job_id == asked
         do(jobs.finish, first)
     assert yields == [True, True, True, False, False]
+
+
+def test_a_job_makes_room_ten_times_for_photos(do, take, at):
+    do(jobs.enqueue, "index")
+    yields = []
+    for n in range(12):
+        held = take(lanes=LANES)
+        asked = do(jobs.enqueue, "index", key=str(n)).id
+        ask(do, asked)
+        at(5)
+        yields.append(do(jobs.should_yield, held, lanes=LANES))
+        do(jobs.requeue, held)
+        first = take(lanes=LANES)
+        assert first.job_id == asked
+        do(jobs.finish, first)
+    assert yields == [True] * 10 + [False] * 2
+
+
+def test_what_a_photo_waits_for_comes_before_what_somebody_started(do, take, at, new_account):
+    ana = new_account("ana").id
+    started = do(jobs.enqueue, "evaluate", account_id=ana).id
+    index = do(jobs.enqueue, "index", key="own").id
+    export = do(jobs.enqueue, "export").id
+    ask(do, index)
+    taken = [take(lanes=LANES) for _ in range(3)]
+    assert [held.job_id for held in taken] == [export, index, started]
+    for held in taken:
+        do(jobs.finish, held)
+    forgotten, started = do(jobs.enqueue, "index").id, do(jobs.enqueue, "evaluate", account_id=ana).id
+    ask(do, forgotten)
+    at(301)
+    asked = do(jobs.enqueue, "index", key="of another map").id
+    ask(do, asked)
+    assert [take(lanes=LANES).job_id for _ in range(3)] == [asked, forgotten, started]
+
+
+def test_what_somebody_started_makes_room_for_what_a_photo_waits_for(do, take, at, park, new_account):
+    """Also on the same map: an evaluation ends for the index that a photo waits for."""
+    started = do(jobs.enqueue, "evaluate", map_id=park, account_id=new_account("eva").id).id
+    held = take(lanes=LANES)
+    index = do(jobs.enqueue, "index", map_id=park).id
+    at(5)
+    assert not do(jobs.should_yield, held, lanes=LANES)
+    ask(do, index)
+    assert take("b", lanes=LANES) is None
+    assert do(jobs.should_yield, held, lanes=LANES)
+    do(jobs.requeue, held)
+    held = take(lanes=LANES)
+    assert held.job_id == index
+    ask(do, do(jobs.enqueue, "index", key="of another map").id)
+    at(5)
+    assert not do(jobs.should_yield, held, lanes=LANES), "a photo waits for this one, too"
+    do(jobs.finish, held)
+    assert [take(lanes=LANES).job_id for _ in range(2)][1] == started
 
 
 def test_a_merged_job_is_as_urgent_as_the_more_urgent_one(do, new_account):
@@ -482,19 +541,42 @@ def test_a_failure_is_shown_until_the_job_is_repeated_for_a_week_at_most(do, tak
     assert ids() == []
 
 
-def test_a_failure_to_fetch_an_image_is_over_once_the_map_got_another(do, take, at, park):
+def test_a_failure_about_the_image_is_over_once_the_map_got_another(do, take, at, park):
     ids = lambda: do(lambda s: [job.id for job in job_views.shown(s, park)])  # noqa: E731
-    for kind in (job_views.TILES_JOB, "index"):
+    for kind in (job_views.TILES_JOB, job_views.PYRAMID_JOB, "index"):
         do(jobs.enqueue, kind, map_id=park)
         do(jobs.fail, take(), error=ERROR)
-    tiles, index = ids()
-    at(3600)
-    assert ids() == [tiles, index]
-    do(lambda s: s.add(Edit(map_id=park, kind="satellite", changes=[], revision=1, at=clock.now())))
-    assert ids() == [index]
+    *about_image, index = ids()
+    at(2)
+    assert ids() == [*about_image, index]
+    image = {"map_id": park, "kind": "satellite", "changes": [], "revision": 1, "at": clock.now()}
+    do(lambda s: s.add(Edit(**image)))
+    assert ids() == [index], "at once"
     do(jobs.enqueue, job_views.TILES_JOB, map_id=park)
     do(jobs.fail, take(), error=ERROR)
     assert len(ids()) == 2
+
+
+def test_a_fetch_that_fails_after_another_image_was_chosen_is_not_shown(do, take, at, park, library):
+    do(jobs.enqueue, job_views.TILES_JOB, map_id=park)
+    held = take()
+    at(3600)
+    chosen = clock.now() + timedelta(seconds=60)
+    do(lambda s: s.add(Edit(map_id=park, kind="satellite", changes=[], revision=1, at=chosen)))
+    do(jobs.fail, held, error=ERROR)
+    assert do(lambda s: job_views.shown(s, park)) == []
+
+
+def test_a_failure_is_over_once_another_job_of_its_kind_succeeds(do, take, at, park):
+    ids = lambda: do(lambda s: [job.id for job in job_views.shown(s, park)])  # noqa: E731
+    failed = do(jobs.enqueue, "index", map_id=park, key="xfeat").id
+    do(jobs.fail, take(), error=ERROR)
+    at(1)
+    later = do(jobs.enqueue, "index", map_id=park).id
+    assert ids() == [failed, later]
+    at(1)
+    do(jobs.finish, take())
+    assert ids() == [later]
 
 
 def test_time_left():

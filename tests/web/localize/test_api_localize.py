@@ -314,6 +314,9 @@ def test_a_map_that_is_not_ready_says_so_and_is_made_ready(
         error = response.get_json()["error"]
         assert (response.status_code, error["code"]) == (409, "not_ready") and error["hint"]
     assert [job for job in jobs_of(library) if job[0] == "index"] == [("index", "")]
+    with library.database.read() as session:
+        (job,) = session.scalars(select(Job).where(Job.kind == "index"))
+        assert job.urgent and job.asked_at is not None, "before other long work"
     response = ask(client, queries / "query_01.jpg", features="orb")
     assert response.status_code == 409 and ("index", "orb") in jobs_of(library)
 

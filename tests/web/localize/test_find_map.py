@@ -2,21 +2,25 @@
 
 import io
 import json
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 from threading import BoundedSemaphore, Event
 
 import pytest
 from click.testing import CliRunner
+from sqlalchemy import select
 
 from webapp.app.main import COMPOSITION, root
 from webapp.errors import BeingOpened, NotReady, StorageUnavailable
 from webapp.store.maps import maps
+from webapp.store.schema import Job
 from webapp.tasks.find import find_map
 from webapp.tasks.find.find_map import MapRanking
 from webapp.tasks.localize import map_cache
 from webapp.tasks.localize.map_cache import MapCache
 from webapp.tasks.localize.plan import OpenOptions
 from webapp.tasks.localize.upload import UploadedPhoto
+from webapp.tasks.maps import adopt_map
 from webapp.threads import permit
 
 EVENTS = "text/event-stream, application/json;q=0.5"
@@ -44,6 +48,19 @@ def test_the_map_is_found_and_others_are_named(client, sample, empty, queries):
     assert len(best["answer"]["hypotheses"]) == 1
     (skipped,) = found["not_searched"]
     assert skipped["slug"] == empty and "image" in skipped["reason"]
+
+
+def test_maps_without_an_index_are_indexed_before_other_long_work(
+    client, library, owner, ready_sample, queries
+):
+    folder = library.map_folder("sample")
+    shutil.copytree(ready_sample, folder, ignore=shutil.ignore_patterns("derived"))
+    adopt_map.adopt_map(library, "sample", account_id=owner.id)
+    (skipped,) = ask(client, queries / "query_02.jpg").json["not_searched"]
+    assert "is being built" in skipped["reason"]
+    with library.database.read() as session:
+        (job,) = session.scalars(select(Job).where(Job.kind == "index"))
+        assert job.asked_at is not None
 
 
 def test_which_map_is_being_searched_is_sent_as_an_event(client, sample, queries):

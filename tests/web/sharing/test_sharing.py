@@ -7,11 +7,12 @@ from types import SimpleNamespace
 import piexif
 import pytest
 from PIL import Image
+from sqlalchemy import select
 
 from webapp.errors import NotFound
 from webapp.store import queries, sharing
 from webapp.store.maps import maps
-from webapp.store.schema import MapRecord, QueryRecord, Share
+from webapp.store.schema import Job, MapRecord, QueryRecord, Share
 from webapp.tasks.localize import upload
 from webapp.tasks.localize.upload import LocalizeResult
 
@@ -346,6 +347,14 @@ def test_visitors_get_the_first_look_as_an_event(library, stranger, share, asked
     events = ask(stranger, share(localize=True)).get_data(as_text=True).split("\n\n")[:-1]
     assert [event.split("\n")[0] for event in events] == ["event: first", "event: answer"]
     assert list(library.uploads.glob("*.part")) == []
+
+
+def test_a_map_is_indexed_first_for_a_visitor_who_waits(library, full, stranger, share):
+    answer = ask(stranger, share(localize=True))
+    assert (answer.status_code, answer.json["error"]["code"]) == (409, "not_ready")
+    with library.database.read() as session:
+        (job,) = session.scalars(select(Job).where(Job.state == "queued"))
+        assert (job.kind, job.urgent) == ("index", True) and job.asked_at is not None
 
 
 def test_visitors_cannot_ask_without_end(stranger, share, asked, settings):

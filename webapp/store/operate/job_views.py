@@ -18,6 +18,9 @@ from webapp.store.schema import Account, Edit, Job, MapRecord
 TILES_JOB = "satellite-tiles"
 """The kind of the jobs that fetch an image."""
 
+PYRAMID_JOB = "satellite-pyramid"
+"""The kind of the jobs that prepare a large image for display."""
+
 _SHOWN = timedelta(minutes=1)
 """For how long the page of a map shows a job that has ended."""
 
@@ -41,24 +44,26 @@ def current(session: Session, map_id: int) -> list[Job]:
 def shown(session: Session, map_id: int) -> list[Job]:
     """List the current jobs of a map, and those that failed last of their kind and key, oldest first.
 
-    A failure to fetch an image is over once the map got another one.
+    A failure is over once the same was queued again, another job of its kind succeeded or, if it concerns
+    the image, the map got another one.
     """
-    newer = aliased(Job)
-    again = select(newer.id).where(
-        newer.map_id == Job.map_id, newer.kind == Job.kind, newer.key == Job.key, newer.id > Job.id
-    )
+    newer, at = aliased(Job), moment(session)
+    same = (newer.map_id == Job.map_id, newer.kind == Job.kind)
+    again = select(newer.id).where(*same, newer.key == Job.key, newer.id > Job.id)
+    succeeded = select(newer.id).where(*same, newer.state == "done", newer.ended_at > Job.ended_at)
     image = select(Edit.id).where(
-        Edit.map_id == Job.map_id, Edit.kind == "satellite", Edit.at > Job.ended_at, Job.kind == TILES_JOB
+        Edit.map_id == Job.map_id,
+        Edit.kind == "satellite",
+        Edit.at > Job.created_at,
+        Job.kind.in_((TILES_JOB, PYRAMID_JOB)),
     )
-    failed = select(Job).where(
-        Job.map_id == map_id,
-        Job.state == "failed",
-        Job.ended_at > moment(session) - _FAILURE_SHOWN,
-        ~again.exists(),
-        ~image.exists(),
+    is_over = or_(again.exists(), succeeded.exists(), image.exists())
+    shown = or_(
+        Job.id.in_(_not_ended_before(at - _SHOWN)),
+        (Job.state == "failed") & (Job.ended_at > at - _FAILURE_SHOWN),
     )
-    jobs = {job.id: job for job in (*session.scalars(failed), *current(session, map_id))}
-    return [jobs[id] for id in sorted(jobs)]
+    found = select(Job).where(Job.map_id == map_id, shown, ~((Job.state == "failed") & is_over))
+    return list(session.scalars(found.order_by(Job.id)))
 
 
 def recent(session: Session, *, map_ids: Select[Any], account: Account) -> list[Job]:

@@ -5,7 +5,8 @@ worker that asks, with a higher fencing number; the worker that lost the lease c
 job (Kleppmann, "How to do distributed locking", 2016).
 
 Short work, for which somebody waits, does not wait behind long work: it comes first, and has workers of its
-own. Of one map, at most one short and one long job run at a time.
+own. Long work for which a photo waits to be localized comes next. Of one map, at most one short and one long
+job run at a time.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
-from sqlalchemy import ColumnElement, Select, case, func, or_, select
+from sqlalchemy import ColumnElement, Select, case, false, func, or_, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session, aliased
 
@@ -39,6 +40,12 @@ _YIELD_AFTER = timedelta(seconds=3)
 
 _MOST_YIELDS = 3
 """How often a job makes room, as some of its work may have to be repeated."""
+
+_MOST_YIELDS_TO_PHOTOS = 10
+"""The same, for a job without which a photo cannot be localized."""
+
+_ASKED_WITHIN = timedelta(minutes=5)
+"""For how long somebody who sent a photo is assumed to wait, unless they send it again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +124,11 @@ def key_of(arguments: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(arguments, sort_keys=True).encode()).hexdigest()
 
 
+def ask(session: Session, job: Job) -> None:
+    """Note that a photo cannot be localized before a job is done: it comes before other long work."""
+    job.urgent, job.asked_at = True, moment(session)
+
+
 def find(session: Session, id: int) -> Job:
     """Find a job. Raises NotFound."""
     job = session.get(Job, id)
@@ -181,7 +193,8 @@ def lease(
 ) -> Job | None:
     """Take the next job: one whose worker has died, else the one whose turn it is.
 
-    Short jobs come first, then those for which somebody waits; among these, the one that has waited longest.
+    Short jobs come first, then those for which a photo waits, then those that somebody started; among these,
+    the one that has waited longest.
 
     Args:
         who: Name of the worker.
@@ -231,14 +244,22 @@ def beat(session: Session, held: Lease, *, seconds: float, progress: tuple[int, 
 
 
 def should_yield(session: Session, held: Lease, *, lanes: Lanes) -> bool:
-    """Return whether a long job in the background should make room for one for which somebody waits."""
+    """Return whether a long job should make room for one that matters more to somebody who waits.
+
+    One in the background makes room for one that somebody started, both for one for which a photo waits.
+    """
     job, at = session.get(Job, held.job_id), moment(session)
-    if job is None or job.urgent or job.kind in lanes.short or job.created_at < at - _PATIENCE:
+    if job is None or job.kind in lanes.short or job.created_at < at - _PATIENCE:
         return False
-    if job.fence - job.waits > _MOST_YIELDS:
+    if job.asked_at is not None and job.asked_at > at - _ASKED_WITHIN:
         return False
-    late = (Job.urgent, Job.created_at < at - _YIELD_AFTER)
-    return session.scalars(_next_waiting(lanes, at=at, early=False).where(*late)).first() is not None
+    yields = job.fence - job.waits
+    if yields > _MOST_YIELDS_TO_PHOTOS:
+        return False
+    wanted = Job.urgent if not job.urgent and yields <= _MOST_YIELDS else _is_asked(at)
+    late = (wanted, Job.created_at < at - _YIELD_AFTER)
+    following = _next_waiting(lanes, at=at, early=False, after=job.id)
+    return session.scalars(following.where(*late)).first() is not None
 
 
 def guard(session: Session, held: Lease) -> None:
@@ -327,20 +348,29 @@ def _waiting(session: Session, kind: str, *, map_id: int | None, key: str) -> Jo
     return session.scalars(select(Job).where(*same).order_by(Job.id).limit(1).with_for_update()).first()
 
 
-def _next_waiting(lanes: Lanes, *, at: datetime, early: bool) -> Select[Job]:
-    """Select the waiting job whose turn it is: due, unless `early`, and no other of its map and lane runs."""
+def _next_waiting(lanes: Lanes, *, at: datetime, early: bool, after: int | None = None) -> Select[Job]:
+    """Select the waiting job whose turn it is: due, unless `early`, and no other of its map and lane runs.
+
+    Args:
+        after: A running job that is considered ended.
+    """
     other = aliased(Job)
-    same = other.kind.in_(lanes.short) == Job.kind.in_(lanes.short)
-    at_work = select(other.id).where(other.map_id == Job.map_id, other.state == "running", same).exists()
+    same = (other.kind.in_(lanes.short) == Job.kind.in_(lanes.short), other.id != (after or 0))
+    at_work = select(other.id).where(other.map_id == Job.map_id, other.state == "running", *same).exists()
     since = func.coalesce(Job.started_at, Job.created_at)  # one that was put off waits since its last start
     first = or_(Job.kind.in_(lanes.short), since < at - _PATIENCE)
-    rank = case((first, 0), (Job.urgent, 1), else_=2)
+    rank = case((first, 0), (_is_asked(at), 1), (Job.urgent, 2), else_=3)
     before_set_back = case((since > at, 0), else_=1)  # the clock has been set back since
     found = select(Job).where(Job.state == "queued", ~at_work, *_taken(lanes))
     if not early:
         due = (Job.not_before.is_(None), Job.not_before <= at, Job.not_before > at + _LONGEST_PAUSE)
         found = found.where(or_(*due))
     return found.order_by(rank, before_set_back, since, Job.id).limit(1)
+
+
+def _is_asked(at: datetime) -> ColumnElement[bool]:
+    """Return the condition on a job that a photo which was sent lately waits for it."""
+    return func.coalesce(Job.asked_at > at - _ASKED_WITHIN, false())
 
 
 def _taken(lanes: Lanes) -> tuple[ColumnElement[bool], ...]:

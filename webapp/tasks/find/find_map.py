@@ -39,7 +39,7 @@ from webapp.store.maps import photo_vectors as stored
 from webapp.store.maps.photo_vectors import StoredBasis
 from webapp.store.schema import MapRecord
 from webapp.tasks.find.describe_library import features
-from webapp.tasks.localize import upload
+from webapp.tasks.localize import readiness, upload
 from webapp.tasks.localize.map_cache import MapCache
 from webapp.tasks.localize.plan import OpenOptions
 from webapp.tasks.localize.upload import LocalizeRequest, UploadedPhoto
@@ -190,6 +190,7 @@ class LibrarySearch:
     cache: MapCache  # Localizes the photo
     ranking: MapRanking  # Determines which maps are searched first: there may not be time for all
     settings: Settings
+    builds: bool = False  # Have the indexes that are missing built, before other long work
 
 
 def find_map(
@@ -231,8 +232,8 @@ def find_map(
         try:
             found = upload.localize_uploads(search.cache, record.id, request=request)
             answers.append((record, found.form))
-        except NotReady:
-            skipped.append(SkippedMap(record.slug, record.name, _NO_INDEX))
+        except (NotReady, IndexDamaged) as error:
+            skipped.append(SkippedMap(record.slug, record.name, _without_index(search, record, error)))
         except (BeingOpened, StorageUnavailable) as error:
             away = away or error
             skipped.append(SkippedMap(record.slug, record.name, error))
@@ -240,7 +241,7 @@ def find_map(
             if not answers:
                 raise
             skipped.append(SkippedMap(record.slug, record.name, error))
-        except (MapError, NotFound, IndexDamaged) as error:
+        except (MapError, NotFound) as error:
             skipped.append(SkippedMap(record.slug, record.name, error))
         progress.advance(1)
     if away is not None and not answers:
@@ -255,6 +256,13 @@ def find_map(
         less_alike=len(ranked.alike[MOST_MAPS:]),
         seconds=time.perf_counter() - begun,
     )
+
+
+def _without_index(search: LibrarySearch, record: MapRecord, error: ExpMapError) -> ExpMapError:
+    """Have the index of a map built, if that is wanted; return what to say about the map."""
+    if search.builds and readiness.build_first(search.cache.library, record, settings=search.settings):
+        return readiness.being_built(record)
+    return error if isinstance(error, IndexDamaged) else _NO_INDEX
 
 
 def search_json(search: MapSearch, *, query: str, translate: Callable[[str], str] = str) -> dict[str, Any]:

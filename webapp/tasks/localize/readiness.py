@@ -9,6 +9,7 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass
 
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from webapp.core.features.table import Method, choose
@@ -47,11 +48,7 @@ def localize_or_build(cache: MapCache, record: MapRecord, *, request: LocalizeRe
     except (NotReady, IndexDamaged) as error:
         if not builder.build_index():
             raise
-        raise NotReady(
-            "the index of this map is being built",
-            where=record.slug,
-            hint="ask again in a moment; the list of jobs shows the progress",
-        ) from error
+        raise being_built(record) from error
     if result.opened.not_indexed:
         builder.build_index()
     if result.opened.to_calibrate:
@@ -60,6 +57,23 @@ def localize_or_build(cache: MapCache, record: MapRecord, *, request: LocalizeRe
         with suppress(StorageError):  # the answer is valid even if the disk is full
             builder.reconstruct_around(result)
     return result
+
+
+def build_first(library: Library, record: MapRecord, *, settings: Settings) -> bool:
+    """Have the index of a map built before other long work, as a photo waits for it.
+
+    Returns:
+        Whether it is being built; False for a map without placed photos or image.
+    """
+    return _Builder(library, record, settings, OpenOptions()).build_index()
+
+
+def being_built(record: MapRecord) -> NotReady:
+    return NotReady(
+        "the index of this map is being built",
+        where=record.slug,
+        hint="ask again in a moment; the list of jobs shows the progress",
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,15 +86,18 @@ class _Builder:
     options: OpenOptions
 
     def build_index(self) -> bool:
-        """Queue a build unless one is pending; return False for a map without placed photos or image."""
+        """Queue a build unless one is pending, and let it come first; return False if there is none to do."""
         with self.library.database.read() as session:
             row = session.get_one(MapRecord, self.record.id)
             if not maps.counts(session, row)[1] or row.satellite_path is None:
                 return False
-            at_work = self._at_work(session)
-        waits_behind_others = any(job.state == "queued" and not job.urgent for job in at_work)
-        if waits_behind_others or all(job.state in jobs.ENDED for job in at_work):
+            pending = [job.id for job in self._at_work(session) if job.state in jobs.LIVE]
+        if not pending:
             self._enqueue()
+            return True
+        with self.library.database.write() as session:
+            for job in session.scalars(select(Job).where(Job.id.in_(pending))):
+                jobs.ask(session, job)
         return True
 
     def calibrate(self) -> None:
@@ -90,7 +107,7 @@ class _Builder:
             last = jobs.newest(session, self.record.id, kind=INDEX_JOB, key=self._key)
             tried = last is not None and last.arguments.get("state") == self._state(session)
         if not tried and all(job.state == "done" for job in at_work):
-            self._enqueue()
+            self._enqueue(asked=False)
 
     def reconstruct_around(self, result: LocalizeResult) -> None:
         """Queue a reconstruction of the surroundings of the best place."""
@@ -101,7 +118,7 @@ class _Builder:
             job = jobs.enqueue(
                 session, LANDMARKS_JOB, map_id=self.record.id, arguments=arguments, key=f"around {seeds[0]}"
             )
-            job.urgent = True
+            jobs.ask(session, job)
 
     @property
     def _features(self) -> str:
@@ -127,7 +144,8 @@ class _Builder:
         current = job_views.current(session, self.record.id)
         return [job for job in current if job.kind == INDEX_JOB and job.key == self._key]
 
-    def _enqueue(self) -> None:
+    def _enqueue(self, *, asked: bool = True) -> None:
+        """Queue the job; with `asked` it comes first, as a photo waits for it."""
         method = self.options.method if self.options.method in _OWN_JOB else "verified"
         arguments = {"features": self._features, "method": method}
         if not self._key:
@@ -136,3 +154,5 @@ class _Builder:
             arguments["state"] = self._state(session)
             job = jobs.enqueue(session, INDEX_JOB, map_id=self.record.id, arguments=arguments, key=self._key)
             job.urgent = True
+            if asked:
+                jobs.ask(session, job)

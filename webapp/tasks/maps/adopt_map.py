@@ -33,10 +33,11 @@ from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.maps.changing import INDEX_JOB
 from webapp.store.operate import jobs
+from webapp.store.operate.job_views import PYRAMID_JOB
 from webapp.store.schema import MapRecord, Member, Photo, PlacedElsewhere
 from webapp.tasks.maps.export import file_sha256
 from webapp.tasks.maps.library_map import fact_columns
-from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, PYRAMID_JOB
+from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX
 from webapp.tasks.satellite.upright import turned_note
 
 _LARGEST_NEXT_ID = 2_000_000_000

@@ -22,12 +22,12 @@ from webapp.files.maps.map_json import georeference_fields
 from webapp.store.maps import edits, maps
 from webapp.store.maps.changing import MapChange
 from webapp.store.operate import jobs
+from webapp.store.operate.job_views import PYRAMID_JOB
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
 from webapp.tasks.maps.library_map import control_points, floors, notes
 from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.maps.placing import image_of
 
-PYRAMID_JOB = "satellite-pyramid"
 DISPLAY_SIDE_PX = 4096
 """An image with a longer side is shown as tiles."""
 

@@ -410,4 +410,5 @@ class _SentProgress(Progress):
 
 
 def _search() -> LibrarySearch:
-    return LibrarySearch(map_cache(), cast(MapRanking, current_app.extensions[_RANKING]), settings())
+    ranking = cast(MapRanking, current_app.extensions[_RANKING])
+    return LibrarySearch(map_cache(), ranking, settings(), builds=True)

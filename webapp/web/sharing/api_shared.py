@@ -18,7 +18,7 @@ from webapp.errors import IndexDamaged, NotFound, NotReady, TooMany
 from webapp.files.photos.photo import Kind
 from webapp.store import sharing
 from webapp.store.sharing import OpenedShare
-from webapp.tasks.localize import show_query, upload
+from webapp.tasks.localize import readiness, show_query, upload
 from webapp.tasks.localize.upload import LocalizeRequest, Send
 from webapp.tasks.maps import pictures
 from webapp.tasks.satellite import display
@@ -232,6 +232,7 @@ def localize(token: str, given: dict[str, FileStorage]) -> dict[str, Any] | Resp
             try:
                 result = upload.localize_uploads(cache, map_id, request=LocalizeRequest(photos, send=send))
             except (NotReady, IndexDamaged) as error:
+                readiness.build_first(library(), opened.map, settings=settings())
                 raise NotReady(
                     "photos cannot be localized on this map yet", hint="come back in a few minutes"
                 ) from error

@@ -81,7 +81,7 @@ export class FilePanel {
 /** Facts about a source as texts. */
 export function factsOf({ poses, first_time_s: first, last_time_s: last, frame, extent, headings, distance_m: way }) {
   return [
-    tn("{n} pose", "{n} poses", poses),
+    tn("{n} position", "{n} positions", poses),
     first === null ? t("no times, only the order") : t("{time}, duration {duration}", { time: clockText(first), duration: spanText(last - first) }),
     t("distance {length}", { length: lengthText(way) }),
     t("extent {size}", { size: frame === "robot" ? sizeText(extent.x, extent.y) : sizeText(...spanOf(extent)) }),

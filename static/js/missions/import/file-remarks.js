@@ -44,7 +44,7 @@ export function resultText(results) {
   const poses = results.flatMap(({ tracks }) => tracks).reduce((sum, track) => sum + track.poses, 0);
   const objects = results.reduce((sum, result) => sum + result.objects, 0);
   const left = results.flatMap(({ tracks }) => tracks).reduce((sum, { skipped }) => sum + skipped, 0);
-  const parts = [tn("{n} pose", "{n} poses", poses), left && tn("{n} left out", "{n} left out", left), objects && tn("{n} sighting of an object", "{n} sightings of objects", objects)];
+  const parts = [tn("{n} position", "{n} positions", poses), left && tn("{n} left out", "{n} left out", left), objects && tn("{n} sighting of an object", "{n} sightings of objects", objects)];
   return `${[...new Set(results.map(({ kind }) => kind))].join(", ")}: ${parts.filter(Boolean).join(", ")}`;
 }
 

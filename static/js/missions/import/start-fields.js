@@ -24,6 +24,6 @@ export function startFields(start, { titled = true } = {}) {
   for (const input of inputs) input.addEventListener("input", read);
   start.addEventListener("change", show);
   show();
-  return h("fieldset", { class: "im-start" }, h("legend", { class: titled ? null : "visually-hidden" }, t("Start pose of the robot")),
+  return h("fieldset", { class: "im-start" }, h("legend", { class: titled ? null : "visually-hidden" }, t("Start position of the robot")),
     h("div", { class: "mi-start" }, ...inputs.map((input, place) => field(labels[place], input))));
 }

@@ -1,11 +1,13 @@
 /** The answer as a list: each place with its probability, and "not on this map" as a separate entry. */
 
-import { byId, h, icon, queryAll } from "../dom.js";
+import { byId, h, icon, queryAll, takesText } from "../dom.js";
 import { headingText, lengthText, percentText } from "../format.js";
 import { t, tn } from "../i18n.js";
 import { probabilityColours } from "./answer-format.js";
 import { isOffMap, ranking } from "./query-session.js";
 import { isFaint, isMinor, verdictText } from "./verdict.js";
+
+const calm = matchMedia("(prefers-reduced-motion: reduce)");
 
 /** Photos of other places seldom reach as many inliers. */
 const STRONG_INLIERS = 30;
@@ -26,6 +28,7 @@ export function answerList(session, look) {
     shares.textContent = answer ? sharesText(answer) : "";
     list.replaceChildren(...(answer ? entries(answer, (rank) => (session.choose(rank), look())) : []));
     mark(list, session);
+    if (answer) requestAnimationFrame(() => scrollTo(list.querySelector("li") || verdict));
   });
   session.on("chosen spot", () => mark(list, session));
   list.addEventListener("keydown", (event) => {
@@ -35,6 +38,11 @@ export function answerList(session, look) {
     buttons[buttons.findIndex((button) => button === document.activeElement) + by]?.focus();
     event.preventDefault();
   });
+}
+
+/** Scroll to an answer that has arrived below the visible part, unless somebody is writing. @param {Element} answer */
+function scrollTo(answer) {
+  if (!takesText(document.activeElement)) answer.scrollIntoView({ block: "nearest", behavior: calm.matches ? "auto" : "smooth" });
 }
 
 /** What the numbers of the list are of. */
@@ -125,7 +133,7 @@ function details({ kind, experiences, floor_name, heading_deg, inliers, matches 
 
 function strength(inliers) {
   const text = inliers >= STRONG_INLIERS ? t("strong match") : t("weak match");
-  return h("span", { title: tn("{n} inlier", "{n} inliers", inliers) }, text);
+  return h("span", { title: tn("{n} matching point", "{n} matching points", inliers) }, text);
 }
 
 function offMap(probability, likely) {

@@ -138,3 +138,29 @@ export function roundLength(length) {
   const power = 10 ** Math.floor(Math.log10(length));
   return [5, 2, 1].find((n) => n * power <= length) * power;
 }
+
+/** @typedef {{left: number, top: number, right: number, bottom: number}} Box */
+
+/**
+ * The part of an element that is on the screen, from its own corner; all of it, if it is not on the screen.
+ * @param {Box} element edges in the window @param {number} screen height @returns {Box}
+ */
+export function onScreen({ left, top, right, bottom }, screen) {
+  const [from, to] = [Math.max(top, 0) - top, Math.min(bottom, screen) - top];
+  const part = to > from ? { top: from, bottom: to } : { top: 0, bottom: bottom - top };
+  return { left: 0, right: right - left, ...part };
+}
+
+/**
+ * How far to pan so that a point is in the middle of a box; along an axis on which it is inside, nothing.
+ * @param {{x: number, y: number}} point @param {Box} box
+ * @param {number} margin to the edges within which it counts as outside, at most a third of the box
+ * @returns {[number, number]}
+ */
+export function panInto({ x, y }, { left, top, right, bottom }, margin) {
+  const along = (at, from, to) => {
+    const edge = Math.min(margin, (to - from) / 3);
+    return at > from + edge && at < to - edge ? 0 : at - (from + to) / 2;
+  };
+  return [along(x, left, right), along(y, top, bottom)];
+}

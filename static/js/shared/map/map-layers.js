@@ -78,7 +78,7 @@ export class MapLayers {
     const { service } = this;
     const sum = (name) => [...this.counts.values()].reduce((all, counts) => all + counts[name], 0);
     const [shown, failed] = [sum("shown"), sum("failed")];
-    this.status.textContent = failed && !shown ? t("No tiles came from {host} for this place.", { host: new URL(service.url.replaceAll(/[{}]/g, ""), location.href).host }) : "";
+    this.status.textContent = failed && !shown ? t("No map of this place came from {host}.", { host: new URL(service.url.replaceAll(/[{}]/g, ""), location.href).host }) : "";
   }
 
   _keep() {

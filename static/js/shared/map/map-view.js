@@ -4,7 +4,7 @@ import { h, preventTextDrag } from "../dom.js";
 import { locale, t } from "../i18n.js";
 import { mapCredit } from "../photo-credit.js";
 import { rafThrottle } from "../timing.js";
-import { imageBounds, isInside, latLngOf, pixelOf, roundLength } from "./coords.js";
+import { imageBounds, isInside, latLngOf, onScreen, panInto, pixelOf, roundLength } from "./coords.js";
 import { placeText } from "./positions.js";
 import { TileBackground } from "./tile-background.js";
 import { turnOf } from "./turned-crs.js";
@@ -17,6 +17,7 @@ const FLOOR_Z = 2;
 const UNDER_FLOOR = 0.35;
 /** Opacity of a floor while it is compared with the map. */
 const BLENDED = 0.55;
+
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
 
 /** The map canvas with its satellite image. */
@@ -165,13 +166,11 @@ export class MapView {
     this._whole = true;
   }
 
-  /** Pan to a map pixel unless it is in view. */
+  /** Pan to a map pixel unless it is in the part of the map that is on the screen; the whole image is rather left whole. */
   reveal(pixel, { margin = 40 } = {}) {
-    const at = latLngOf(pixel);
-    const point = this.map.latLngToContainerPoint(at);
-    const size = this.map.getSize();
-    const inside = point.x > margin && point.y > margin && point.x < size.x - margin && point.y < size.y - margin;
-    if (!inside) this.map.panTo(at, { animate: !calm.matches });
+    const point = this.map.latLngToContainerPoint(latLngOf(pixel));
+    const by = panInto(point, onScreen(this.element.getBoundingClientRect(), innerHeight), this._whole ? 0 : margin);
+    if (by[0] || by[1]) this.map.panBy(by, { animate: !calm.matches });
   }
 
   /** Zoom to some map pixels. */
