@@ -76,7 +76,7 @@ def build(cfg: Path, out: Path | None, as_json: bool) -> None:
 )  # fmt: skip
 @click.option("--ids", default="0-5", show_default=True, metavar="IDS", help="Such as 0-11,20.")
 @click.option(
-    "--size", type=float, default=160.0, show_default=True, metavar="MM", help="Side of the black square."
+    "--size", type=float, default=150.0, show_default=True, metavar="MM", help="Side of the black square."
 )
 @click.option(
     "--paper", type=click.Choice(PAPERS), default="a4", show_default=True, help="Size of the paper."

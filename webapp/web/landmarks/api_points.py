@@ -180,7 +180,7 @@ class TagsIn(Schema):
     ids = String(
         load_default="0-5", validate=Length(max=_MOST_IDS), metadata={"description": "Such as `0-11,20`."}
     )
-    size_mm = Float(load_default=160.0, metadata={"description": "Side of the black square."})
+    size_mm = Float(load_default=150.0, metadata={"description": "Side of the black square."})
     paper = String(load_default="a4", validate=OneOf(PAPERS))
 
 
