@@ -10,7 +10,7 @@ from webapp.render.sheet import tags
 from webapp.render.sheet.options import MM
 from webapp.render.sheet.tags import TagSheet, numbers_of, print_tags
 
-DOTS = 6  # Per millimetre
+DOTS = 8  # Per millimetre
 
 
 class Recorded:

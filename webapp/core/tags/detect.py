@@ -87,13 +87,10 @@ def _refined(gray: NDArray[np.uint8], tag: SeenTag) -> SeenTag:
     first = np.maximum(np.floor(tag.corners.min(0) - reach), 0).astype(int)
     last = np.ceil(tag.corners.max(0) + reach).astype(int) + 1
     part = gray[first[1] : last[1], first[0] : last[0]]
-    height, width = part.shape
     shrunk = min(1.0, 2.0 * half * (len(black) - 2) / tag.side_px)
     if shrunk < 1.0:
         part = cv2.resize(part, None, fx=shrunk, fy=shrunk, interpolation=cv2.INTER_AREA)
-    # sizes are whole numbers, so that the scales along both axes differ a little
-    scale = np.array([part.shape[1], part.shape[0]]) / (width, height)
-    seen = (tag.corners - first + 0.5) * scale - 0.5
+    seen = (tag.corners - first + 0.5) * shrunk - 0.5
     start = cv2.getPerspectiveTransform(square, seen.astype(np.float32))
     try:
         _, warp = cv2.findTransformECC(
@@ -102,7 +99,7 @@ def _refined(gray: NDArray[np.uint8], tag: SeenTag) -> SeenTag:
     except cv2.error:  # it does not converge on a small or half hidden tag
         return tag
     corners = cv2.perspectiveTransform(square[None].astype(np.float64), warp.astype(np.float64))[0]
-    corners = (corners + 0.5) / scale - 0.5 + first
+    corners = (corners + 0.5) / shrunk - 0.5 + first
     moved = float(np.abs(corners - tag.corners).max())
     is_near = moved < _MOST_MOVED_PX + _MOST_MOVED_SHARE * tag.side_px
     return tag._replace(corners=corners) if is_near else tag
