@@ -143,7 +143,7 @@ def reconstruct(
         if part is None:
             shutil.rmtree(folder / SURROUNDINGS, ignore_errors=True)
     by_content = {entries[n].content: pictures[n] for n in numbers}
-    find_in_photos(cfg, the_map, by_content, folder=folder, limits=settings.photo, progress=progress)
+    find_in_photos(cfg, the_map, photos=by_content, folder=folder, limits=settings.photo, progress=progress)
     number_of = {entries[n].content: owner[n] for n in reversed(numbers)}
     turn_of = {entries[n].content: turn for n, turn in zip(numbers, turns, strict=True) if turn >= 0}
     found = tuple(renumbered(submodels, number_of, turn_of=turn_of))

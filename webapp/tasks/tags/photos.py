@@ -28,8 +28,8 @@ _MAX_SIDE_PX = 4096
 def find_in_photos(
     cfg: Path,
     the_map: Map,
-    photos: Mapping[str, Experience | UnplacedPhoto],
     *,
+    photos: Mapping[str, Experience | UnplacedPhoto],
     folder: Path,
     limits: PhotoLimits,
     progress: Progress,
