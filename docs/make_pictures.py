@@ -9,8 +9,9 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageDraw
 
+from webapp.core.tags.detect import modules
 from webapp.progress import Progress
 from webapp.render.answer_pictures import map_picture, match_picture
 from webapp.sample import make
@@ -26,6 +27,7 @@ PICTURES = Path(__file__).resolve().parent / "pictures"
 def main() -> None:
     """Write all pictures."""
     settings = Settings()
+    tags().quantize(16).save(PICTURES / "tags.png", optimize=True)
     with tempfile.TemporaryDirectory() as folder:
         cfg = make.make_sample(Path(folder) / "sample", settings=settings, progress=Progress()).cfg_path
         localizer = open_pipeline(cfg, OpenOptions(), settings=settings, progress=Progress())
@@ -38,6 +40,30 @@ def main() -> None:
             raise SystemExit(f"{QUERY} has no matches to draw")
         save(matches, "matches.jpg")
         save(contact_sheet(sorted((cfg.parent / "photos").glob("*.jpg"))[::8]), "photos.jpg")
+
+
+def tags() -> Image.Image:
+    """Draw printed tags in a row, with what is written under them."""
+    picture = Image.new("RGB", (1000, 440), "white")
+    pen = ImageDraw.Draw(picture)
+    for place, (family, number) in enumerate((("36h11", 3), ("36h11", 4), ("4x4_50", 7))):
+        pattern = modules(family, number)
+        black = Image.fromarray(np.where(pattern, 0, 255).astype(np.uint8)).resize(
+            (240, 240), Image.Resampling.NEAREST
+        )
+        left = 50 + 330 * place
+        picture.paste(black.convert("RGB"), (left, 50))
+        name = f"{family}  {number}  ·  150 mm"
+        pen.text((left + 120, 330), name, fill="black", anchor="mm", font_size=20)
+    pen.line([(50, 410), (210, 410)], fill="black", width=2)
+    for tick in range(11):
+        pen.line(
+            [(50 + 16 * tick, 410), (50 + 16 * tick, 410 - (12 if tick % 5 == 0 else 6))],
+            fill="black",
+            width=2,
+        )
+    pen.text((222, 410), "100 mm", fill="black", anchor="lm", font_size=18)
+    return picture
 
 
 def contact_sheet(paths: list[Path]) -> Image.Image:

@@ -10,7 +10,7 @@ from webapp.core.boxes import BlurBox
 from webapp.core.geo.floors import Floor, FloorImage
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel
-from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick
+from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick, Tag
 from webapp.core.mapmodel.findings import WARNINGS, Code
 from webapp.core.mapmodel.model import Experience, Map, PhotoSource, Placement, SatelliteImage, UnplacedPhoto
 from webapp.core.mapmodel.notes import MapNote
@@ -46,7 +46,16 @@ FULL = Map(
     title="A",
     description="The park.",
     unplaced=(UnplacedPhoto(2, "b.jpg", gps=LatLon(50.1, 14.4)),),
-    control_points=(GroundControlPoint("gate", MapPixel(2.5, 7.0), (PhotoClick(0, 0.4, 0.6),), 0.05, 212.4),),
+    control_points=(
+        GroundControlPoint(
+            "gate",
+            MapPixel(2.5, 7.0),
+            (PhotoClick(0, 0.4, 0.6),),
+            0.05,
+            212.4,
+            Tag("36h11", 3, 150.0, "wall", 270.0),
+        ),
+    ),
     notes=(MapNote(1, "Bench", MapPixel(2.5, 7.0), "Since May.", (0,)),),
     floors=(
         Floor(0, "Ground floor", 0.0),

@@ -113,7 +113,7 @@ class PhotoMap:
         """
         pipeline = self._pipeline
         limits = pipeline.settings.photo
-        return map_picture(pipeline.opened.cfg, pipeline.map, answer=answer, limits=limits)
+        return map_picture(pipeline.cfg, pipeline.map, answer=answer, limits=limits)
 
     def match_picture(self, photo: str | Path, answer: Answer) -> Image.Image | None:
         """Draw the photo next to the best map photo, with lines between matches; None if nothing matches.
@@ -123,7 +123,7 @@ class PhotoMap:
         """
         pipeline = self._pipeline
         limits = pipeline.settings.photo
-        cfg, the_map = pipeline.opened.cfg, pipeline.map
+        cfg, the_map = pipeline.cfg, pipeline.map
         return match_picture(cfg, the_map, query=Path(photo), answer=answer, limits=limits)
 
     def latlon_of(self, hypothesis: Hypothesis) -> LatLon | None:
@@ -145,7 +145,7 @@ class PhotoMap:
         Raises:
             TableError: The table cannot be read.
         """
-        folder = self._pipeline.opened.cfg.parent
+        folder = self._pipeline.cfg.parent
         return evaluate_queries(
             self._pipeline, Path(queries), map_folder=folder, options=options, progress=progress
         )

@@ -59,3 +59,32 @@ def test_a_point_is_clicked_in_two_photos_and_on_the_image(page, api, app, joine
     expect(page.get_by_label("Point gate: height")).to_have_value("")
     page.get_by_role("button", name="Remove the point gate").click()
     expect(page.get_by_test_id("control-points").locator("tr")).to_have_count(0)
+
+
+def test_a_printed_tag_is_chosen_at_a_point_and_a_sheet_is_downloaded(page, api, joined):
+    slug, _ = joined
+    page.goto(f"/maps/{slug}/control-points")
+    page.get_by_test_id("point-name").fill("door")
+    page.get_by_test_id("point-add").click()
+    tag = page.get_by_role("group", name="Printed tag at the chosen point")
+    expect(tag.get_by_role("spinbutton", name="Id", exact=True)).to_be_disabled()
+    with page.expect_response(lambda answer: answer.request.method == "PUT"):
+        tag.get_by_role("combobox", name="Family", exact=True).select_option("36h11")
+    tag.get_by_role("spinbutton", name="Id", exact=True).fill("7")
+    with page.expect_response(lambda answer: answer.request.method == "PUT"):
+        tag.get_by_role("spinbutton", name="Id", exact=True).press("Tab")
+    tag.get_by_role("spinbutton", name="Heading, degrees from north").fill("180")
+    with page.expect_response(lambda answer: answer.request.method == "PUT"):
+        tag.get_by_role("spinbutton", name="Heading, degrees from north").press("Tab")
+    page.get_by_test_id("map-view").click(position={"x": 180, "y": 120})
+    expect(page.get_by_test_id("point-next")).to_have_text(
+        "door is complete: photos that show its tag are localized by it."
+    )
+    page.reload()
+    expect(tag.get_by_role("spinbutton", name="Id", exact=True)).to_have_value("7")
+    (door,) = api.ask("GET", f"/maps/{slug}/landmarks/control-points")["points"]
+    expected = {"family": "36h11", "id": 7, "size_mm": 150.0, "mount": "wall", "heading_deg": 180.0}
+    assert door["tag"] == expected
+    with page.expect_download() as started:
+        page.get_by_test_id("print-tags").click()
+    assert started.value.suggested_filename == "tags-36h11.pdf"

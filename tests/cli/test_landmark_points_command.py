@@ -8,7 +8,7 @@ from PIL import Image
 
 from webapp.cli import landmark_points
 from webapp.core.geo.types import MapPixel
-from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick
+from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick, Tag
 from webapp.files.maps.folder import read_map
 from webapp.store.library import open_library
 from webapp.store.maps import edits
@@ -140,3 +140,42 @@ def test_they_go_with_a_map_that_is_adopted(expmap, cfg, tmp_path):
     map_id = adopt_map.adopt_map(library, "there", account_id=account.id)
     export.export_map(library, map_id, overwrite=True)
     assert read_map(library.cfg("there")).control_points == before
+
+
+def test_tags_come_from_a_table_and_go_to_one(expmap, cfg):
+    head = "name;x_px;y_px;tag;tag_size_mm;tag_mount;tag_heading_deg"
+    table = f"{head}\ngate;20;18;36h11 3;150;floor;90\nend;3;4;4x4_50 7;80;;\n"
+    code, out, _ = expmap("landmarks", "points", cfg, "--import", write(cfg, table))
+    assert code == 0
+    assert "gate  x 20.0, y 18.0, tag 36h11 3 of 150 mm, clicked in 0 photos" in out
+    tags = (Tag("4x4_50", 7, 80.0), Tag("36h11", 3, 150.0, "floor", 90.0))
+    assert tuple(point.tag for point in read_map(cfg).control_points) == tags
+    back = cfg.parent.parent / "back.csv"
+    expmap("landmarks", "points", cfg, "--export", back)
+    expmap("landmarks", "points", cfg, "--remove", "gate", "--remove", "end")
+    assert expmap("landmarks", "points", cfg, "--import", back)[0] == 0
+    assert tuple(point.tag for point in read_map(cfg).control_points) == tags
+
+
+@pytest.mark.parametrize(
+    ("cells", "problem"),
+    [
+        ("36h11;150;", "needs tag and tag_size_mm"),
+        ("36h11 3;;", "needs tag and tag_size_mm"),
+        ("36h11 3;150;roof", "not wall or floor"),
+        ("36h11 587;150;", "ids of 36h11 are from 0 to 586"),
+    ],
+)
+def test_a_tag_that_cannot_be_is_refused(expmap, cfg, cells, problem):
+    table = write(cfg, f"name;tag;tag_size_mm;tag_mount\ngate;{cells}\n")
+    code, _, err = expmap("landmarks", "points", cfg, "--import", table)
+    assert code != 0
+    assert problem in err
+    assert read_map(cfg).control_points == ()
+
+
+def test_tags_are_printed_as_pdf(expmap, tmp_path):
+    out = tmp_path / "tags.pdf"
+    assert expmap("landmarks", "tags", out, "--ids", "0-2,9")[:2] == (0, f"{out}: 4 tags of 150 mm\n")
+    assert out.read_bytes().startswith(b"%PDF-")
+    assert expmap("landmarks", "tags", tmp_path / "tags.png")[0] != 0

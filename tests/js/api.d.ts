@@ -426,6 +426,8 @@ export interface components {
             height_m: number | null;
             /** @default [] */
             photos: components["schemas"]["ClickFields"][];
+            /** @default null */
+            tag: components["schemas"]["TagFields"] | null;
             /**
              * @description On the map; with y_px.
              * @default null
@@ -439,6 +441,7 @@ export interface components {
             height_m?: number | null;
             name?: string;
             photos?: components["schemas"]["ClickFields"][];
+            tag?: components["schemas"]["TagFields"] | null;
             x_px?: number | null;
             y_px?: number | null;
         };
@@ -2719,6 +2722,24 @@ export interface components {
             units?: {
                 [key: string]: unknown;
             };
+        };
+        TagFields: {
+            /** @enum {string} */
+            family: "36h11" | "4x4_50" | "5x5_100" | "6x6_250";
+            /**
+             * @description Where a tag on a wall faces, or the top of one on the floor points, degrees clockwise from north, 0 to below 360; null if unknown.
+             * @default null
+             */
+            heading_deg: number | null;
+            /** @description In the family. */
+            id: number;
+            /**
+             * @default wall
+             * @enum {string}
+             */
+            mount: "wall" | "floor";
+            /** @description Side of its black square. */
+            size_mm: number;
         };
         TilesIn: {
             east: number;

@@ -134,6 +134,7 @@ landmarks_group = LazyGroup(
         "points": LazyCommand(
             "webapp.cli.landmark_points:points", "List, read or write the control points of a map."
         ),
+        "tags": LazyCommand("webapp.cli.landmarks:tags", "Print tags that are recognised in photos, as PDF."),
     },
 )
 

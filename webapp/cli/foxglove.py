@@ -165,7 +165,7 @@ class WatchedPhotos:
 
 def _show(sink: FoxgloveSink, photo: Path, *, pipeline: LocalizationPipeline) -> bool:
     """Send a photo and its answer; returns whether the photo could be used."""
-    cfg, the_map, limits = pipeline.opened.cfg, pipeline.map, pipeline.settings.photo
+    cfg, the_map, limits = pipeline.cfg, pipeline.map, pipeline.settings.photo
     try:
         pixels = read_upright(photo, limits=limits, max_side=_SIDE_PX)
         answer = pipeline.localize(photo, top=5)

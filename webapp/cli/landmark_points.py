@@ -45,7 +45,8 @@ def points(cfg: Path, table: Path | None, remove: tuple[str, ...], out: Path | N
 
     A control point is a real-world spot whose position on the map is known and which is clicked in two or
     more photos. Control points and placed photos together place the landmarks on the map. A table has one row
-    per click: name, x_px and y_px on the map or lat and lon, height_m, accuracy_m, photo, photo_x_px,
+    per click: name, x_px and y_px on the map or lat and lon, height_m, accuracy_m, tag (family and
+    id of a printed tag that is mounted there), tag_size_mm, tag_mount, tag_heading_deg, photo, photo_x_px,
     photo_y_px.
     """
     settings = settings_in_use(cfg)
@@ -100,7 +101,8 @@ def _table(the_map: Map, found: Sequence[Residual] | None) -> str:
 
 def _line(point: GroundControlPoint, judged: Mapping[str, Residual], the_map: Map) -> str:
     at = "not on the map" if point.position is None else f"x {point.position.x:.1f}, y {point.position.y:.1f}"
-    words = [f"{at}, clicked in {len(point.clicks)} photos"]
+    tag = "" if point.tag is None else f", tag {point.tag.title} of {point.tag.size_mm:g} mm"
+    words = [f"{at}{tag}, clicked in {len(point.clicks)} photos"]
     one = judged.get(point.name)
     if one is None:
         return words[0]

@@ -1,4 +1,4 @@
-"""`expmap landmarks build`: reconstruct the photos of a map by structure from motion."""
+"""`expmap landmarks build` and `tags`: reconstruct the photos of a map; print tags to mount in the world."""
 
 from __future__ import annotations
 
@@ -13,7 +13,12 @@ import click
 from webapp.cli.composition import settings_in_use
 from webapp.cli.options import MAP_FILE
 from webapp.cli.progressbar import terminal_progress
+from webapp.core.mapmodel.control_points import TAG_FAMILIES
+from webapp.errors import UsageError
+from webapp.files.atomic import write_bytes
 from webapp.files.maps.folder import read_map
+from webapp.render.sheet.options import PAPERS, Paper
+from webapp.render.sheet.tags import TagSheet, numbers_of, print_tags
 from webapp.settings import keep_freed_memory
 from webapp.tasks.landmarks.adjust import AdjustedSubmodel, adjust_submodels
 from webapp.tasks.landmarks.colours import colour_cloud
@@ -61,6 +66,32 @@ def build(cfg: Path, out: Path | None, as_json: bool) -> None:
             click.echo(f"{model.folder}: {model.photos} photos, {model.points} points")
     for number, reason in sorted(found.problems.items()):
         click.echo(f"{found.photos[number].photo} (id {found.photos[number].id}): {reason}", err=True)
+
+
+@click.command(short_help="Print tags that are recognised in photos, as PDF.")
+@click.argument("out", metavar="OUT.pdf", type=click.Path(dir_okay=False, path_type=Path))
+@click.option(
+    "--family", type=click.Choice([*TAG_FAMILIES]), default="36h11", show_default=True,
+    help="36h11 is AprilTag's, the others are ArUco's.",
+)  # fmt: skip
+@click.option("--ids", default="0-5", show_default=True, metavar="IDS", help="Such as 0-11,20.")
+@click.option(
+    "--size", type=float, default=150.0, show_default=True, metavar="MM", help="Side of the black square."
+)
+@click.option(
+    "--paper", type=click.Choice(PAPERS), default="a4", show_default=True, help="Size of the paper."
+)
+def tags(out: Path, family: str, ids: str, size: float, paper: Paper) -> None:
+    """Print tags to mount on walls or on the floor: with id and size below each, and a line of 100 mm.
+
+    Print without scaling, and measure the line. Once the tags are control points of a map (expmap landmarks
+    points), photos that show them are localized by them.
+    """
+    if out.suffix.lower() != ".pdf":
+        raise UsageError("the name of the file must end with .pdf", where=str(out))
+    numbers = numbers_of(ids, family=family)
+    write_bytes(out, print_tags(TagSheet(family, numbers, size, paper)))
+    click.echo(f"{out}: {len(numbers)} tags of {size:g} mm")
 
 
 def _as_json(submodel: AdjustedSubmodel, found: Reconstruction) -> dict[str, object]:

@@ -24,6 +24,7 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "localize",
         "view",
         "dozen-clicks",
+        "tags",
         "floors",
         "photos",
         "next-photos",

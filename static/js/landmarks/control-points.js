@@ -10,13 +10,14 @@ import { pin } from "../shared/map/pin.js";
 import { Arrows } from "../shared/map/residual-arrows.js";
 import { toastError } from "../shared/toast.js";
 import { landmarksOf } from "./endpoints.js";
+import { TagForm } from "./tag-form.js";
 
 const ASK_MS = 1000;
 const SHOWN = 200;
 const page = JSON.parse(byId("page").textContent);
 const server = landmarksOf(page.slug);
 
-if (document.getElementById("photo-view")) start().catch(toastError);
+if (document.getElementById("map-view")) start().catch(toastError);
 
 /** @typedef {Api["ControlPointOut"]} Point */
 
@@ -35,6 +36,7 @@ async function start() {
   const arrows = new Arrows(map);
   const mapPins = L.layerGroup().addTo(map);
   const current = () => points.find(({ name }) => name === chosen);
+  const tagForm = new TagForm((tag) => change({ tag }));
 
   const connectEditing = () => {
     const field = byId("new-name", HTMLInputElement);
@@ -45,7 +47,7 @@ async function start() {
       chosen = name;
       field.value = "";
       if (current()) return render();
-      return keep({ name, x_px: null, y_px: null, height_m: null, accuracy_m: null, photos: [] });
+      return keep({ name, x_px: null, y_px: null, height_m: null, accuracy_m: null, photos: [], tag: null });
     });
     byId("undo").addEventListener("click", () => busy(byId("undo", HTMLButtonElement), undo).catch(toastError));
     byId("unclick").addEventListener("click", () => change({ photos: current().photos.filter(({ id }) => id !== photo.id) }));
@@ -139,10 +141,11 @@ async function start() {
     const shown = new Set(point?.photos.map(({ id }) => id));
     page.photos.forEach(({ id, name }, n) => (chooser.options[n].textContent = shown.has(id) ? `✓ ${name}` : name));
     if (page.can_edit) {
-      byId("unclick").hidden = !shown.has(photo.id);
+      byId("unclick").hidden = !shown.has(photo?.id);
       byId("undo", HTMLButtonElement).disabled = !canUndo;
     }
     byId("next").textContent = nextStep(point);
+    tagForm.show(point);
     byId("points-frame").hidden = points.length === 0;
     const focused = document.activeElement?.getAttribute("data-key");
     byId("points").replaceChildren(...points.map(row));
@@ -152,12 +155,12 @@ async function start() {
 
   const drawPins = () => {
     mapPins.clearLayers();
-    photoView.pins.clearLayers();
+    photoView?.pins.clearLayers();
     points.forEach((point, n) => {
       const number = n + 1;
       const mine = point.name === chosen;
       if (point.x_px !== null) marker(mapPins, [point.x_px, point.y_px], { number, mine, title: point.name }, clickMap);
-      const click = point.photos.find(({ id }) => id === photo.id);
+      const click = photo && point.photos.find(({ id }) => id === photo.id);
       if (click) marker(photoView.pins, [click.x * photo.width, click.y * photo.height], { number, mine, title: point.name }, clickPhoto);
     });
   };
@@ -215,7 +218,7 @@ async function start() {
   byId("before").addEventListener("click", () => step(-1));
   byId("after").addEventListener("click", () => step(1));
   if (page.can_edit) connectEditing();
-  showPhoto(photo);
+  if (photo) showPhoto(photo);
   take(await server.points());
   chosen = points[0]?.name ?? "";
   render();
@@ -224,6 +227,11 @@ async function start() {
 function nextStep(point) {
   if (!page.can_edit) return "";
   if (!point) return t("Name a point that you find on the image and in two photos.");
+  if (point.tag) {
+    if (point.x_px === null) return t("{name}: click it on the image of the map.", { name: point.name });
+    return t("{name} is complete: photos that show its tag are localized by it.", { name: point.name });
+  }
+  if (!page.photos.length) return t("{name}: choose the tag that is mounted there, as the map has no photos.", { name: point.name });
   const missing = 2 - point.photos.length;
   if (missing > 0) return tn("{name}: click it in {n} more photo.", "{name}: click it in {n} more photos.", missing, { name: point.name });
   if (point.x_px === null) return t("{name}: click it on the image of the map.", { name: point.name });

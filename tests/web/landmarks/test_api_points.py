@@ -34,7 +34,7 @@ def points(joined, monkeypatch):
 
 
 def gate(**other):
-    found = {"x_px": 90.0, "y_px": 0.0, "accuracy_m": None, "height_m": None}
+    found = {"x_px": 90.0, "y_px": 0.0, "accuracy_m": None, "height_m": None, "tag": None}
     return {**found, "photos": [{"id": 1, "x": 0.1, "y": 0.4}], **other}
 
 
@@ -55,6 +55,44 @@ def test_a_point_is_kept_changed_taken_away_and_brought_back(client, points):
     assert client.post(f"{map_url}/redo").status_code == 200
     assert client.get(url).json["points"] == []
     assert client.delete(f"{url}/gate").status_code == 404
+
+
+def test_a_tag_is_kept_with_a_point_and_brought_back(client, points):
+    url, _ = points
+    tag = {"family": "36h11", "id": 3, "size_mm": 150.0, "mount": "wall", "heading_deg": None}
+    assert client.put(f"{url}/gate", json=gate(tag=tag)).json["points"][0]["tag"] == tag
+    floor = tag | {"mount": "floor", "heading_deg": 12.5}
+    assert client.put(f"{url}/gate", json=gate(tag=floor)).json["points"][0]["tag"] == floor
+    assert client.put(f"{url}/gate", json=gate()).json["points"][0]["tag"] is None
+    assert client.post(f"{url.removesuffix('/landmarks/control-points')}/undo").status_code == 200
+    assert client.get(url).json["points"][0]["tag"] == floor
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"family": "16h5"},
+        {"id": 587},
+        {"id": -1},
+        {"size_mm": 0.0},
+        {"mount": "roof"},
+        {"heading_deg": 360.0},
+    ],
+)
+def test_a_tag_that_cannot_be_is_refused(client, points, other):
+    url, _ = points
+    tag = {"family": "36h11", "id": 3, "size_mm": 150.0} | other
+    assert client.put(f"{url}/gate", json=gate(tag=tag)).status_code in (400, 422)
+    assert client.get(url).json["points"] == []
+
+
+def test_tags_are_printed(client, points):
+    url, _ = points
+    answer = client.get(f"{url}/tags.pdf?family=5x5_100&ids=1-3&size_mm=80&paper=letter")
+    assert (answer.status_code, answer.mimetype) == (200, "application/pdf")
+    assert answer.data.startswith(b"%PDF-")
+    assert "tags-5x5_100.pdf" in answer.headers["Content-Disposition"]
+    assert client.get(f"{url}/tags.pdf?ids=1-9999").status_code == 400
 
 
 @pytest.mark.parametrize(

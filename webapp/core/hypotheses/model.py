@@ -106,7 +106,10 @@ class Answer:
     looks: tuple[str, ...] = ()
     # Clockwise quarter turns that bring the query upright; 0 if its keypoints show none.
     quarter_turns: int = 0
-    note: str = ""  # Why the answer is less than was requested, or how the file was read; else empty
+    # Why the answer is less than was requested, how the file was read, or by which tags; else empty.
+    note: str = ""
+    # Whether it is by printed tags, whose ids leave no doubt: no other photo or prior changes it.
+    by_tags: bool = False
 
     @property
     def abstained(self) -> bool:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from webapp.core.geo.crs import latlon_from_plane
 from webapp.core.geo.types import LatLon, MapPixel
+from webapp.core.mapmodel.control_points import TAG_MOUNTS, Tag
 from webapp.errors import TableError
 from webapp.files.maps.position_tables import odm_plane
 from webapp.files.text_file import (
@@ -30,11 +31,16 @@ COLUMNS = (
     "lon",
     "height_m",
     "accuracy_m",
+    "tag",
+    "tag_size_mm",
+    "tag_mount",
+    "tag_heading_deg",
     "photo",
     "photo_x_px",
     "photo_y_px",
 )
-_ODM_CELLS = 6
+_ODM_CELLS, _MOST_DIGITS = 6, 6
+_TEXTS = ("name", "tag", "tag_mount", "photo")
 _PAIRS = (("x_px", "y_px"), ("lat", "lon"), ("photo_x_px", "photo_y_px"))
 
 
@@ -49,6 +55,7 @@ class PointRow:
     accuracy_m: float | None = None
     photo: str | None = None  # Path or file name
     click_px: tuple[float, float] | None = None  # Pixels from the top-left corner of the upright photo
+    tag: Tag | None = None
 
 
 def read_rows(path: Path) -> list[PointRow]:
@@ -108,7 +115,7 @@ def _needed(text: str, where: str) -> float:
 
 def _row(cells: Mapping[str, str], where: str) -> PointRow:
     texts = {name: cell_text(cell.strip()) for name, cell in cells.items()}
-    values = {name: _number(texts.get(name, ""), where) for name in COLUMNS if name not in ("name", "photo")}
+    values = {name: _number(texts.get(name, ""), where) for name in COLUMNS if name not in _TEXTS}
     for one, other in _PAIRS:
         if (values[one] is None) != (values[other] is None):
             raise TableError(
@@ -129,7 +136,24 @@ def _row(cells: Mapping[str, str], where: str) -> PointRow:
         values["accuracy_m"],
         texts.get("photo") or None,
         click,
+        _tag(texts, values["tag_size_mm"], values["tag_heading_deg"], where=where),
     )
+
+
+def _tag(
+    texts: Mapping[str, str], size_mm: float | None, heading_deg: float | None, *, where: str
+) -> Tag | None:
+    """Read the columns of a tag: family and id, side in millimetres, mount, heading."""
+    title = texts.get("tag", "").split()
+    mount = texts.get("tag_mount", "").lower() or "wall"
+    if not title and size_mm is None:
+        return None
+    if len(title) != 2 or not title[1].isdigit() or len(title[1]) > _MOST_DIGITS or size_mm is None:
+        hint = "write family and id, such as 36h11 3, and the side of its black square"
+        raise TableError("a tag needs tag and tag_size_mm", where=where, hint=hint)
+    if mount not in TAG_MOUNTS:
+        raise TableError(f"tag_mount is not wall or floor: {mount[:40]!r}", where=where)
+    return Tag(title[0], int(title[1]), size_mm, mount, heading_deg)
 
 
 def _number(text: str, where: str) -> float | None:
@@ -154,5 +178,12 @@ def format_rows(rows: Iterable[PointRow], latlon: Mapping[str, LatLon]) -> str:
         degrees = [f"{value:.8f}" for value in latlon[row.name]] if row.name in latlon else ["", ""]
         facts = ["" if value is None else value for value in (row.height_m, row.accuracy_m)]
         click = ("", "") if row.click_px is None else [f"{value:.2f}" for value in row.click_px]
-        writer.writerow([plain_cell(row.name), *at, *degrees, *facts, plain_cell(row.photo or ""), *click])
+        photo = plain_cell(row.photo or "")
+        writer.writerow([plain_cell(row.name), *at, *degrees, *facts, *_tag_cells(row.tag), photo, *click])
     return out.getvalue()
+
+
+def _tag_cells(tag: Tag | None) -> tuple[object, ...]:
+    if tag is None:
+        return ("", "", "", "")
+    return (tag.title, tag.size_mm, tag.mount, "" if tag.heading_deg is None else tag.heading_deg)

@@ -16,14 +16,14 @@ from webapp.core.geo.floors import (
 )
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.checks import MAX_NUMBER
-from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick, facts_problem
+from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick, Tag, facts_problem
 from webapp.core.mapmodel.control_points import name_problem as point_name_problem
 from webapp.core.mapmodel.notes import NOTE_TEXT, MapNote, title_problem
 from webapp.core.mapmodel.paths import name_problem
 from webapp.files.json_fields import JsonField, by_id, finite
 from webapp.files.maps.facts import parse_text
 
-_FACTS = ("x_px", "y_px", "accuracy_m", "height_m", "photos")
+_FACTS = ("x_px", "y_px", "accuracy_m", "height_m", "photos", "tag")
 
 
 def parse_control_points(field: JsonField) -> tuple[GroundControlPoint, ...]:
@@ -55,7 +55,14 @@ def point_fields(point: GroundControlPoint) -> dict[str, Any]:
         "height_m": point.height_m,
     }
     clicks = [{"id": click.photo, "x": click.x, "y": click.y} for click in point.clicks]
-    return {**{name: value for name, value in known.items() if value is not None}, "photos": clicks}
+    tag = {} if point.tag is None else {"tag": tag_fields(point.tag)}
+    return {**{name: value for name, value in known.items() if value is not None}, "photos": clicks, **tag}
+
+
+def tag_fields(tag: Tag) -> dict[str, Any]:
+    """Return the fields of a tag in `map.json` and in the API, without an unknown heading."""
+    known = {"family": tag.family, "id": tag.number, "size_mm": tag.size_mm, "mount": tag.mount}
+    return {**known, **({} if tag.heading_deg is None else {"heading_deg": tag.heading_deg})}
 
 
 def control_point_fields(points: Iterable[GroundControlPoint]) -> list[dict[str, Any]]:
@@ -80,6 +87,19 @@ def _point(name: str, fields: Mapping[str, JsonField], item: JsonField) -> Groun
         tuple(clicks[id] for id in sorted(clicks)),
         None if accuracy.missing else accuracy.number("a finite number of metres", valid=finite),
         None if height.missing else height.number("a finite number of metres", valid=finite),
+        None if fields["tag"].missing else _tag(fields["tag"]),
+    )
+
+
+def _tag(item: JsonField) -> Tag:
+    fields = item.record(required=("family", "id", "size_mm"), optional=("mount", "heading_deg"))
+    mount, heading = fields["mount"], fields["heading_deg"]
+    return Tag(
+        fields["family"].text(),
+        fields["id"].integer(largest=MAX_NUMBER),
+        fields["size_mm"].number("a finite number of millimetres", valid=finite),
+        "wall" if mount.missing else mount.text(),  # type: ignore[arg-type]  # `facts_problem` checks it
+        None if heading.missing else heading.number("a finite number of degrees", valid=finite),
     )
 
 

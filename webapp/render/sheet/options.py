@@ -25,10 +25,10 @@ LEAST_DPI, USUAL_DPI, MOST_DPI = 40, 200, 400
 MOST_TEXT = 300
 """Characters of a title or an attribution."""
 
-_MM = 72 / 25.4
-_SIZES: Mapping[Paper, tuple[float, float]] = {
-    "a4": (210 * _MM, 297 * _MM),
-    "a3": (297 * _MM, 420 * _MM),
+MM = 72 / 25.4
+PAPER_SIZES: Mapping[Paper, tuple[float, float]] = {
+    "a4": (210 * MM, 297 * MM),
+    "a3": (297 * MM, 420 * MM),
     "letter": (612.0, 792.0),
 }
 """Width and height upright, points."""
@@ -54,7 +54,7 @@ class SheetOptions:
 
     def page_sizes(self) -> list[tuple[float, float]]:
         """Return width and height of the paper in points, for each allowed orientation."""
-        width, height = _SIZES[self.paper]
+        width, height = PAPER_SIZES[self.paper]
         sizes = {"portrait": (width, height), "landscape": (height, width)}
         return list(sizes.values()) if self.orientation == "auto" else [sizes[self.orientation]]
 

@@ -31,6 +31,7 @@ from webapp.files.maps.folder import photo_hash
 from webapp.tasks.landmarks.known import AnyPhoto, all_photos, known_positions
 from webapp.tasks.landmarks.reconstruct import Reconstruction
 from webapp.tasks.localize.index_location import landmarks_folder
+from webapp.tasks.tags.photos import with_tag_clicks
 
 _DEFAULT_PX, _LEAST_PX = 1.0, 0.01
 """Standard deviation of a point on the map: default, and lower limit."""
@@ -118,13 +119,18 @@ def found_points(found: Reconstruction, the_map: Map) -> tuple[KnownPoint, ...]:
 def known_points(
     photos: Sequence[AnyPhoto | None], the_map: Map, *, lenses: PhotoLenses
 ) -> tuple[KnownPoint, ...]:
-    """Collect the control points on the map, with the rays of their clicks."""
+    """Collect the control points on the map, with the rays of their clicks and of their tags in photos."""
     pictures: dict[int, list[int]] = {}
     for number, photo in enumerate(photos):
         if photo is not None:
             pictures.setdefault(experience_of(photo.id), []).append(number)
+    by_content = {
+        content: photo
+        for number, content in lenses.content_of.items()
+        if number < len(photos) and (photo := photos[number]) is not None
+    }
     found = []
-    for point in the_map.control_points:
+    for point in with_tag_clicks(the_map, by_content, folder=lenses.folder):
         if point.position is None:
             continue
         rays = [

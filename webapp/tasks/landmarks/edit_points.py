@@ -136,6 +136,7 @@ def points_from(rows: Sequence[PointRow], the_map: Map, *, size: Size) -> dict[s
             tuple(clicks[id] for id in sorted(clicks)),
             accuracy,
             _one(some, "height_m"),
+            _one(some, "tag"),
         )
     return found
 
@@ -156,11 +157,12 @@ def _rows(the_map: Map, size: Size) -> Iterator[PointRow]:
         facts = ("", point.position, point.height_m, point.accuracy_m)
         clicks = [click for click in point.clicks if click.photo in photos]
         if not clicks:
-            yield PointRow(point.name, *facts)
+            yield PointRow(point.name, *facts, tag=point.tag)
         for click in clicks:
             photo = photos[click.photo]
             width, height = size(photo)
-            yield PointRow(point.name, *facts, photo.photo, (click.x * width, click.y * height))
+            at = (click.x * width, click.y * height)
+            yield PointRow(point.name, *facts, photo.photo, at, point.tag)
 
 
 def _photo(row: PointRow, name: str, photos: Sequence[AnyPhoto]) -> AnyPhoto:

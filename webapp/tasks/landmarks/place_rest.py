@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +15,9 @@ from webapp.core.landmarks.placing import AlignedSubmodel, KnownPositions, NotAl
 from webapp.core.landmarks.radii import RADIUS_OVER_SIGMA
 from webapp.core.landmarks.submodels import Submodel
 from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
-from webapp.errors import UsageError
+from webapp.errors import PhotoError, UsageError
 from webapp.files.landmarks.colmap import pycolmap
-from webapp.files.maps.folder import read_map
+from webapp.files.maps.folder import photo_path, read_map
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.landmarks.adjust import adjust_submodels
@@ -25,6 +25,8 @@ from webapp.tasks.landmarks.colours import colour_cloud
 from webapp.tasks.landmarks.control_points import found_points
 from webapp.tasks.landmarks.known import known_positions
 from webapp.tasks.landmarks.reconstruct import Reconstruction, reconstruct
+from webapp.tasks.tags.answer import answer_by_tags
+from webapp.tasks.tags.photos import with_tag_clicks
 
 _PROPOSED = 6
 _NAMED = 3
@@ -33,6 +35,10 @@ _NAMED = 3
 
 _WIDEST = 0.5
 """Radius over the shorter side of the image above which nothing is suggested."""
+
+
+_SURE = 0.9
+"""Least probability of a place by tags that is suggested."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +124,41 @@ def suggest_rest(cfg: Path, *, settings: Settings, progress: Progress, check: bo
     found = reconstruct(cfg, the_map, settings=settings, progress=progress)
     joined, _ = adjust_submodels(found, the_map, progress=progress)
     colour_cloud(cfg, joined, limits=settings.photo, progress=progress)
-    return suggest_from(joined, the_map)
+    return _with_tags(suggest_from(joined, the_map), joined, cfg, the_map=the_map, settings=settings)
+
+
+def _with_tags(
+    report: RestReport, found: Reconstruction, cfg: Path, *, the_map: Map, settings: Settings
+) -> RestReport:
+    """Suggest places by the tags in photos that are not joined with others, or less exactly."""
+    by_content = {content: found.photos[number] for content, number in found.number_of.items()}
+    points = with_tag_clicks(the_map, by_content, folder=found.shared)
+    show = {click.photo for point in points if point.tag is not None for click in point.clicks}
+    by_id = {photo.id: photo for photo in the_map.unplaced if photo.id in show}
+    tried = (_by_tags(photo, cfg, the_map, settings=settings) for photo in by_id.values())
+    there = {one.id: one for one in report.suggested}
+    for one in tried:
+        if one is not None and (one.id not in there or one.radius_px < there[one.id].radius_px):
+            there[one.id] = one
+    left = tuple(one for one in report.left if one.id not in there)
+    return replace(report, suggested=tuple(there[id] for id in sorted(there)), left=left)
+
+
+def _by_tags(photo: UnplacedPhoto, cfg: Path, the_map: Map, *, settings: Settings) -> SuggestedPlace | None:
+    """Return where the tags in a photo put it; None if that is ambiguous, or outside the image."""
+    path, fov_deg = photo_path(cfg, photo.photo), photo.fov_deg
+    try:
+        answer = answer_by_tags(path, the_map, settings=settings, fov_deg=fov_deg).answer
+    except PhotoError:
+        return None
+    image, best = the_map.satellite, None if answer is None else answer.hypotheses[0]
+    if best is None or best.probability < _SURE or best.heading_deg is None or best.radius_px is None:
+        return None
+    if not inside(best.position, width=image.width, height=image.height):
+        return None
+    if best.radius_px > _WIDEST * min(image.width, image.height):
+        return None
+    return SuggestedPlace(photo.id, photo.photo, best.position, best.radius_px, best.heading_deg, ())
 
 
 def suggest_from(found: Reconstruction, the_map: Map) -> RestReport:

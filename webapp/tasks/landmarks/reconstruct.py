@@ -57,6 +57,7 @@ from webapp.tasks.landmarks.mapping import (
 )
 from webapp.tasks.localize.build_index import BuildRequest, describe_all
 from webapp.tasks.localize.index_location import landmarks_folder
+from webapp.tasks.tags.photos import find_in_photos
 
 SURROUNDINGS = "surroundings"
 """Folder of separately reconstructed parts of a map; a reconstruction of all photos replaces them."""
@@ -141,6 +142,8 @@ def reconstruct(
         submodels = _submodels(out, database.path, contents=contents, key=key, progress=progress)
         if part is None:
             shutil.rmtree(folder / SURROUNDINGS, ignore_errors=True)
+    by_content = {entries[n].content: pictures[n] for n in numbers}
+    find_in_photos(cfg, the_map, photos=by_content, folder=folder, limits=settings.photo, progress=progress)
     number_of = {entries[n].content: owner[n] for n in reversed(numbers)}
     turn_of = {entries[n].content: turn for n, turn in zip(numbers, turns, strict=True) if turn >= 0}
     found = tuple(renumbered(submodels, number_of, turn_of=turn_of))

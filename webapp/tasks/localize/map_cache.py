@@ -29,9 +29,10 @@ from webapp.tasks.localize import calibrate, cascade, describe_photos, geometry,
 from webapp.tasks.localize.open_index import open_index, with_positions
 from webapp.tasks.localize.open_map import OpenMap
 from webapp.tasks.localize.open_pipeline import make_plan, stored_look
-from webapp.tasks.localize.pipeline import LocalizationPipeline, Look
-from webapp.tasks.localize.plan import LookPlan, OpenOptions
+from webapp.tasks.localize.pipeline import LocalizationPipeline, Look, TaggedMap
+from webapp.tasks.localize.plan import LookPlan, MapPlan, OpenOptions
 from webapp.tasks.maps.library_map import as_map
+from webapp.tasks.tags.answer import has_tags
 
 MAX_OPEN = 12
 """Maximum number of open indexes, two for a map with a second look; the least recently used are evicted."""
@@ -108,7 +109,13 @@ class MapCache:
             IndexDamaged
         """
         plan = make_plan(self._cfg(map_id), replace(options, build=False), settings=self.settings)
-        first = self._look(map_id, plan.looks[0])
+        try:
+            first = self._look(map_id, plan.looks[0])
+        except MapError:
+            of_tags = self._of_tags_alone(map_id, plan)
+            if of_tags is None:
+                raise
+            return of_tags
         look = first.look
         if plan.landmarks_on_demand:
             look = replace(look, around=LandmarksAround(self.settings, Progress(), build=False))
@@ -128,6 +135,17 @@ class MapCache:
         except (BeingOpened, MapError, MissingPart, InputError):
             return opened  # it is being opened; or `expmap build` reports the reason
         return _with_second_look(opened, further, budget_s=plan.budget_s)
+
+    def _of_tags_alone(self, map_id: int, plan: MapPlan) -> OpenedMap | None:
+        """Open a map that has tags and no photos; None for any other map."""
+        with self.library.database.read() as session:
+            record = session.get(MapRecord, map_id)
+            the_map = None if record is None else as_map(session, record)
+        if the_map is None or the_map.experiences or not has_tags(the_map):
+            return None
+        tagged = TaggedMap(self._cfg(map_id), the_map, self.settings)
+        pipeline = LocalizationPipeline(plan.method, (), tags_alone=tagged)
+        return OpenedMap(pipeline, the_map.revision, 0, calibrated=True, to_calibrate=False)
 
     def _cfg(self, map_id: int) -> Path:
         with self.library.database.read() as session:

@@ -21,8 +21,9 @@ from webapp.tasks.localize import calibrate, cascade, describe_photos, geometry
 from webapp.tasks.localize.index_location import has_landmarks, index_bases, newest_choice
 from webapp.tasks.localize.open_index import open_index
 from webapp.tasks.localize.open_map import OpenMap
-from webapp.tasks.localize.pipeline import LocalizationPipeline, Look
+from webapp.tasks.localize.pipeline import LocalizationPipeline, Look, TaggedMap
 from webapp.tasks.localize.plan import LookPlan, MapPlan, OpenOptions
+from webapp.tasks.tags.answer import has_tags
 
 
 def make_plan(cfg: Path, options: OpenOptions, *, settings: Settings, newest: bool = False) -> MapPlan:
@@ -91,6 +92,10 @@ def open_pipeline(
     options.choose(options.method)  # fail early: check the options before reading any file
     plan = make_plan(cfg, options, settings=settings, newest=True)
     the_map = read_map(cfg)
+    if not the_map.experiences and has_tags(the_map):
+        return LocalizationPipeline(
+            plan.method, (), fov_deg=fov_deg, tags_alone=TaggedMap(cfg, the_map, settings)
+        )
     first = open_look(cfg, plan.looks[0], the_map=the_map, settings=settings, progress=progress)
     if plan.landmarks_on_demand:
         first = replace(first, around=LandmarksAround(settings, progress, build=True))

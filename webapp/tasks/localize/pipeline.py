@@ -47,12 +47,14 @@ from webapp.core.localize.vote import match_statistics
 from webapp.core.mapmodel.model import Map
 from webapp.core.reconstruction.depths import DepthObservations, DepthsExcluding
 from webapp.core.retrieval.fields_of_view import cropped_fov_deg
+from webapp.errors import UsageError
 from webapp.files.contents import local
 from webapp.files.localize.calibration import StoredCalibration
 from webapp.files.localize.models import network
 from webapp.settings import Settings
 from webapp.tasks.localize.open_map import OpenMap
 from webapp.tasks.localize.query_photo import QueryPhoto, pictures_of, read_query, to_experiences
+from webapp.tasks.tags.answer import answer_by_tags, nothing_by_tags
 from webapp.telemetry import span
 
 _ALL = 100
@@ -212,13 +214,23 @@ def _nothing_to_see(features: Features, reason: str, *, fov: FieldOfView) -> Ans
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class TaggedMap:
+    """A map of printed tags, without photos."""
+
+    cfg: Path
+    map: Map
+    settings: Settings
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class LocalizationPipeline:
     """A method on an open map."""
 
     method: Method  # The requested method
-    looks: tuple[Look, ...]  # One or two
+    looks: tuple[Look, ...]  # One or two; none on a map of tags alone
     both: Calibration = _BOTH  # Calibration of two looks combined
     fov_deg: float | None = None  # Horizontal field of view of the queries, instead of the one in their EXIF
+    tags_alone: TaggedMap | None = None  # The map, if it has tags and no photos
 
     def localize(
         self,
@@ -240,6 +252,8 @@ class LocalizationPipeline:
         """
 
         def finish(answer: Answer) -> Answer:
+            if answer.by_tags:
+                return answer
             return self.limit_accuracy(apply_path_prior_to_answer(answer, self.opened.indexed.paths))
 
         report = None if on_first is None else lambda first: on_first(finish(first))
@@ -258,13 +272,32 @@ class LocalizationPipeline:
         include: frozenset[int] = NOTHING,
         on_first: Callable[[Answer], None] | None = None,
     ) -> Answer:
-        """Localize one photo by its content alone, before any prior. Raises PhotoError.
+        """Localize one photo by its content alone, before any prior; by tags, if it shows some of the map.
+
+        Raises PhotoError.
 
         Args:
             on_first: Called with the answer of the first look, if a second one follows.
             include: Experience ids of which the best are verified even if the votes name none; unused by
                 `vote`.
         """
+        tagged = answer_by_tags(photo_path, self.map, settings=self.settings, fov_deg=self.fov_deg)
+        if tagged.answer is not None:
+            return truncate(tagged.answer, top)
+        if not self.looks:
+            return nothing_by_tags(tagged.note)
+        answer = self._look_at(photo_path, top=top, hide=hide, include=include, on_first=on_first)
+        return answer if not tagged.note else replace(answer, note=tagged.note)
+
+    def _look_at(
+        self,
+        photo_path: Path,
+        *,
+        top: int,
+        hide: frozenset[int],
+        include: frozenset[int],
+        on_first: Callable[[Answer], None] | None,
+    ) -> Answer:
         photos = self._read(photo_path)
         hide, include = (pictures_of(ids, self.opened) for ids in (hide, include))
         one, *other = self.looks
@@ -290,23 +323,34 @@ class LocalizationPipeline:
 
     @property
     def opened(self) -> OpenMap:
-        """The map with the index of the first look."""
+        """The map with the index of the first look.
+
+        Raises:
+            UsageError: The map has no photos.
+        """
+        if not self.looks:
+            raise UsageError("the map has tags but no photos", hint="place photos on it first")
         return self.looks[0].opened
+
+    @property
+    def cfg(self) -> Path:
+        """The map's file."""
+        return self.opened.cfg if self.tags_alone is None else self.tags_alone.cfg
 
     @property
     def settings(self) -> Settings:
         """Settings with which the map was opened."""
-        return self.opened.settings
+        return self.opened.settings if self.tags_alone is None else self.tags_alone.settings
 
     @property
     def features(self) -> str:
         """Name of the features of the first look."""
-        return self.looks[0].features
+        return self.looks[0].features if self.looks else "tags"
 
     @property
     def map(self) -> Map:
         """The map that photos are localized on."""
-        return self.opened.map
+        return self.opened.map if self.tags_alone is None else self.tags_alone.map
 
     @property
     def map_hash(self) -> str:
@@ -316,11 +360,13 @@ class LocalizationPipeline:
     @property
     def place_radius_px(self) -> float:
         """Largest error of a correct hypothesis, map pixels."""
-        return place_radius_px(self.looks)
+        return _radius_of_tags(self.map) if not self.looks else place_radius_px(self.looks)
 
     @property
     def map_kind(self) -> MapKind:
         """Kind of the map: metric, areas, schematic or mixed."""
+        if not self.looks:
+            return "metric"
         kind, stored = self.opened.indexed.kind, self.looks[0].calibration
         schematic = stored is not None and stored.calibration.schematic
         return "schematic" if schematic and kind == "metric" else kind
@@ -346,6 +392,16 @@ class LocalizationPipeline:
     def index_bytes(self) -> int:
         """Size of the indexes on disk."""
         return sum(look.opened.folder.bytes_on_disk() for look in self.looks)
+
+
+_TAG_PLACE_M = 2.0
+"""Place radius on a map without photos, which would show what it is."""
+
+
+def _radius_of_tags(the_map: Map) -> float:
+    georeference = the_map.georeference
+    at = next((p.position for p in the_map.control_points if p.tag and p.position), None)
+    return 1.0 if georeference is None or at is None else _TAG_PLACE_M / georeference.metres_per_pixel(at)
 
 
 def place_radius_px(of: Iterable[Look]) -> float:

@@ -51,6 +51,9 @@ def combine(
     Returns:
         best: Index of the photo whose evidence is used.
     """
+    settled = _settled(pipeline, answers)
+    if settled is not None:
+        return truncate(answers[settled], top), settled
     weighed, best = combine_without_prior(pipeline, answers, hints=hints)
     paths = pipeline.opened.indexed.paths
     weight = None if hints.near is None else photo_weights(hints.near, paths)
@@ -62,6 +65,9 @@ def combine_without_prior(
     pipeline: LocalizationPipeline, answers: Sequence[Answer], *, hints: Hints
 ) -> tuple[Answer, int]:
     """Combine all but the path prior on positions; a sequence has a prior of its own."""
+    settled = _settled(pipeline, answers)
+    if settled is not None:
+        return answers[settled], settled
     paths = pipeline.opened.indexed.paths
     answer = joint.combine(answers, paths=paths, top=ALL)
     if hints.near is not None:
@@ -73,6 +79,14 @@ def combine_without_prior(
         answer = apply_compass(answer, hints.heading_deg, looked_deg=looked_deg)
     best = joint.most_confident(answers, answer.hypotheses)
     return joint.with_evidence_of(answer, answers[best]), best
+
+
+def _settled(pipeline: LocalizationPipeline, answers: Sequence[Answer]) -> int | None:
+    """Return the index of the most certain answer by tags, which no other photo or hint changes, if any."""
+    by_tags = [n for n, answer in enumerate(answers) if answer.by_tags and answer.hypotheses]
+    if not by_tags:
+        return None if pipeline.looks else 0
+    return max(by_tags, key=lambda n: answers[n].hypotheses[0].probability)
 
 
 def photo_headings(pipeline: LocalizationPipeline) -> dict[int, float]:
@@ -105,7 +119,7 @@ def photos_in(pipeline: LocalizationPipeline, near: CirclePrior | None) -> froze
     Raises:
         UsageError: There are none.
     """
-    if near is None:
+    if near is None or not pipeline.looks:
         return frozenset()
     indexed = pipeline.opened.indexed
     far = near.radius + indexed.place_radius_px

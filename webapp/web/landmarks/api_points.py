@@ -7,11 +7,20 @@ from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Float, Integer, List, Nested, String
-from apiflask.validators import Range
+from apiflask.validators import Length, OneOf, Range
+from flask import Response
 
 from webapp.core.geo.types import MapPixel
-from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick
+from webapp.core.mapmodel.control_points import (
+    TAG_FAMILIES,
+    TAG_MOUNTS,
+    GroundControlPoint,
+    PhotoClick,
+    Tag,
+)
 from webapp.errors import StorageError, UsageError
+from webapp.render.sheet.options import PAPERS
+from webapp.render.sheet.tags import TagSheet, numbers_of, print_tags
 from webapp.store.maps import edits, maps
 from webapp.store.schema import MapRecord
 from webapp.tasks.landmarks.edit_points import set_in_library
@@ -19,6 +28,8 @@ from webapp.tasks.landmarks.show_cloud import shown_cloud
 from webapp.web.context import account, library, map_role, open_map
 from webapp.web.fields import Boolean, BoundedList, RecordNumber
 from webapp.web.landmarks.api_cloud import queue_landmarks, running_job
+from webapp.web.openapi import file_answer
+from webapp.web.sending import as_attachment
 
 blueprint = APIBlueprint(
     "api_control_points",
@@ -27,7 +38,7 @@ blueprint = APIBlueprint(
     tag="Landmarks",
 )
 
-_MOST_CLICKS = 200
+_MOST_CLICKS, _MOST_IDS = 200, 400
 
 
 class ClickFields(Schema):
@@ -36,6 +47,23 @@ class ClickFields(Schema):
     id = RecordNumber(required=True, metadata={"description": "Of the photo."})
     x = Float(required=True, validate=Range(0.0, 1.0), metadata={"description": "Share of the width."})
     y = Float(required=True, validate=Range(0.0, 1.0), metadata={"description": "Share of the height."})
+
+
+class TagFields(Schema):
+    """A printed tag (AprilTag or ArUco) whose middle is the control point."""
+
+    family = String(required=True, validate=OneOf(TAG_FAMILIES))
+    id = RecordNumber(required=True, metadata={"description": "In the family."})
+    size_mm = Float(required=True, metadata={"description": "Side of its black square."})
+    mount = String(load_default="wall", validate=OneOf(TAG_MOUNTS))
+    heading_deg = Float(
+        load_default=None,
+        allow_none=True,
+        metadata={
+            "description": "Where a tag on a wall faces, or the top of one on the floor points, degrees "
+            "clockwise from north, 0 to below 360; null if unknown."
+        },
+    )
 
 
 class ControlPointIn(Schema):
@@ -55,6 +83,7 @@ class ControlPointIn(Schema):
         metadata={"description": "Above any level that is the same for all."},
     )
     photos = BoundedList(Nested(ClickFields), load_default=[], most=_MOST_CLICKS)
+    tag = Nested(TagFields, load_default=None, allow_none=True)
 
 
 class ControlPointOut(Schema):
@@ -66,6 +95,7 @@ class ControlPointOut(Schema):
     accuracy_m = Float(allow_none=True)
     height_m = Float(allow_none=True)
     photos = List(Nested(ClickFields))
+    tag = Nested(TagFields, allow_none=True)
 
 
 class ResidualOut(Schema):
@@ -128,6 +158,7 @@ def put(slug: str, name: str, data: dict[str, Any]) -> dict[str, Any]:
         tuple(clicks[id] for id in sorted(clicks)),
         data["accuracy_m"],
         data["height_m"],
+        None if data["tag"] is None else _tag(data["tag"]),
     )
     set_in_library(library(), record.id, points={name: point}, account_id=account().id)
     return _answer(open_map(slug))
@@ -142,6 +173,33 @@ def delete(slug: str, name: str) -> dict[str, Any]:
     return _answer(open_map(slug))
 
 
+class TagsIn(Schema):
+    """What is printed."""
+
+    family = String(load_default="36h11", validate=OneOf(TAG_FAMILIES))
+    ids = String(
+        load_default="0-5", validate=Length(max=_MOST_IDS), metadata={"description": "Such as `0-11,20`."}
+    )
+    size_mm = Float(load_default=150.0, metadata={"description": "Side of the black square."})
+    paper = String(load_default="a4", validate=OneOf(PAPERS))
+
+
+@blueprint.get("/tags.pdf")
+@blueprint.input(TagsIn, location="query", arg_name="data")
+@blueprint.doc(responses=file_answer("The tags at their exact size, with a ruler.", "application/pdf"))
+def print_sheet(slug: str, data: dict[str, Any]) -> Response:
+    """Print tags to mount in the world."""
+    open_map(slug)
+    numbers = numbers_of(data["ids"], family=data["family"])
+    sheet = TagSheet(data["family"], numbers, data["size_mm"], data["paper"])
+    response = Response(print_tags(sheet), mimetype="application/pdf")
+    return as_attachment(response, f"tags-{data['family']}.pdf", default="tags.pdf")
+
+
+def _tag(data: dict[str, Any]) -> Tag:
+    return Tag(data["family"], data["id"], data["size_mm"], data["mount"], data["heading_deg"])
+
+
 def _answer(record: MapRecord) -> dict[str, Any]:
     shown = shown_cloud(library(), record)
     if not shown.is_current:
@@ -153,11 +211,16 @@ def _answer(record: MapRecord) -> dict[str, Any]:
         there = {photo.id for photo in photos}
         job = running_job(session, record)
         last = edits.next_steps(session, record, account_id=account().id)["undo"]
-    empty = {"x_px": None, "y_px": None, "accuracy_m": None, "height_m": None}
+    empty = {"x_px": None, "y_px": None, "accuracy_m": None, "height_m": None, "tag": None}
     residuals = [] if shown.points is None else shown.points.about.get("residuals", [])
     return {
         "points": [
-            {**empty, **point, "photos": [click for click in point["photos"] if click["id"] in there]}
+            {
+                **empty,
+                **point,
+                "photos": [click for click in point["photos"] if click["id"] in there],
+                **({"tag": {"heading_deg": None, **point["tag"]}} if point.get("tag") else {}),
+            }
             for point in record.control_points or ()
         ],
         "residuals": [

@@ -5,6 +5,8 @@ from __future__ import annotations
 from flask import Blueprint, render_template
 from flask_babel import lazy_gettext as _l
 
+from webapp.core.mapmodel.control_points import TAG_FAMILIES
+from webapp.render.sheet.options import PAPERS
 from webapp.store.maps import maps
 from webapp.web.context import account, reading_map
 from webapp.web.maps import state as map_state
@@ -53,4 +55,5 @@ def control_points(slug: str) -> str:
             "satellite": map_state.satellite_json(record),
             "photos": photos,
         }
-    return render_template("maps/control_points.html", map=record, page=page)
+    choices = {"families": [*TAG_FAMILIES], "papers": PAPERS}
+    return render_template("maps/control_points.html", map=record, page=page, **choices)

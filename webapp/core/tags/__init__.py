@@ -1,0 +1,1 @@
+"""Printed tags (AprilTag, ArUco): found in photos, and cameras solved from them."""

@@ -1,0 +1,1 @@
+"""Printed tags of a map in queries and in its photos."""
