@@ -23,7 +23,6 @@ from webapp.missions.web.context import allow_any_text
 from webapp.store.clock import now
 from webapp.web.context import authorized_by
 from webapp.web.openapi import PATH, file_answer
-from webapp.web.state import Parts
 
 blueprint = APIBlueprint("api_ogc", __name__, url_prefix="/api/v1/ogc", tag="Import and export")
 blueprint.record(allow_any_text)
@@ -199,24 +198,18 @@ def _collection_json(one: Collection) -> dict[str, Any]:
     return {**about, "crs": [_CRS84], "links": links, **({"extent": extent} if extent else {})}
 
 
-PARTS = Parts(
-    blueprints=(blueprint,),
-    public_lists={},
-    path_parameters={
-        "collection": {
-            "description": "Id of the collection, such as `map-park-photos` or `mission-7-tracks`."
-        },
-        "feature": {"description": "Id of the feature."},
-    },
-    operations={
-        f"api_ogc.{view}": {"parameters": [*more, FORMAT_PARAMETER]}
-        for view, more in (
-            ("landing", ()),
-            ("conformance", ()),
-            ("collections", ()),
-            ("show_collection", ()),
-            ("list_items", ITEM_PARAMETERS),
-            ("show_item", ()),
-        )
-    },
-)
+PATH_PARAMETERS = {
+    "collection": {"description": "Id of the collection, such as `map-park-photos` or `mission-7-tracks`."},
+    "feature": {"description": "Id of the feature."},
+}
+OPERATIONS: dict[str, dict[str, Any]] = {
+    f"api_ogc.{view}": {"parameters": [*more, FORMAT_PARAMETER]}
+    for view, more in (
+        ("landing", ()),
+        ("conformance", ()),
+        ("collections", ()),
+        ("show_collection", ()),
+        ("list_items", ITEM_PARAMETERS),
+        ("show_item", ()),
+    )
+}
