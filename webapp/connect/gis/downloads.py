@@ -26,6 +26,7 @@ from webapp.web.state import ExportLink
 blueprint = APIBlueprint("api_geopackage", __name__, url_prefix="/api/v1", tag="Import and export")
 
 MENU = {kind: (ExportLink("export.gpkg", "GeoPackage (QGIS, QField)"),) for kind in ("map", "mission")}
+OPERATIONS = {"api_geopackage.export_map": {"statuses": [400]}}
 
 _MEDIA_TYPE = "application/geopackage+sqlite3"
 _MOST_POSES = 1_000_000

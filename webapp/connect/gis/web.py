@@ -9,6 +9,6 @@ PARTS = Parts(
     blueprints=(ogc_api.blueprint, downloads.blueprint),
     public_lists={},
     path_parameters=ogc_api.PATH_PARAMETERS,
-    operations=ogc_api.OPERATIONS,
+    operations=ogc_api.OPERATIONS | downloads.OPERATIONS,
     exports=downloads.MENU,
 )
