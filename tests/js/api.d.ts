@@ -2235,6 +2235,7 @@ export interface components {
             max_tiles?: number;
             max_zoom?: number;
             name?: string;
+            /** @description Template with `{z}`, `{x}` and `{y}`, or with the area of a tile: `{bbox}` (west, south, east, north in EPSG:3857) or `{bbox-4326}` (south, west, north, east). */
             url?: string;
         };
         ServicesOut: {

@@ -151,6 +151,10 @@ WEB_PARTS = Parts(
         *(part.operations for part in CONNECTED),
     ),
     short_jobs=REGISTRY.short(),
+    exports={
+        kind: tuple(link for part in CONNECTED for link in part.exports.get(kind, ()))
+        for kind in ("map", "mission")
+    },
 )
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import secrets
 import time
 from collections.abc import Iterable, Iterator
@@ -14,12 +15,13 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import quote, urlsplit
+from xml.sax.saxutils import unescape
 
 import requests
 from urllib3.util import Retry
 
 from webapp import __version__
-from webapp.core.geo.tilegrid import MAX_ZOOM, Tile
+from webapp.core.geo.tilegrid import MAX_ZOOM, Tile, tile_box, tile_metres
 from webapp.errors import InputError, NotFound, StorageError, UsageError
 from webapp.net.bounded import BoundedAdapter, answering, body, bounded_session
 from webapp.net.polite import RateLimit
@@ -38,6 +40,10 @@ _LISTEN_S = 0.5
 
 _TRY_AGAIN = (429, 500, 502, 503, 504)
 _NO_TILE = (204, 404, 410)
+_EXCEPTION = re.compile(
+    r"<(?:\w+:)?(?:ServiceException|ExceptionText)\b[^>]*>\s*(?:<!\[CDATA\[)?([^<\]]{1,300})"
+)
+_MAX_MESSAGE = 10_000
 _IMAGES = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"RIFF")
 
 
@@ -132,9 +138,15 @@ class TileFetcher:
             message = f"{self._service.name} cannot be reached"
             raise InputError(message, where="tile service", hint=hint) from error
         if data is None or not data.startswith(_IMAGES):
-            message = f"{self._service.name} did not send a tile"
+            message = f"{self._service.name} did not send a tile{_instead(data)}"
             raise InputError(message, where="tile service", hint=hint)
         return data
+
+
+def _instead(data: bytes | None) -> str:
+    """Return what a service sent instead of a tile: the message of an OGC service, if it is one."""
+    found = _EXCEPTION.search((data or b"")[:_MAX_MESSAGE].decode("utf-8", "replace"))
+    return f": {' '.join(unescape(found[1]).split())}" if found else ""
 
 
 def _keep(path: Path, data: bytes) -> None:
@@ -155,12 +167,23 @@ _FILE_URL = "/api/v1/tile-services/{name}/tiles/{{z}}/{{x}}/{{y}}"
 _FIELDS = ("name", "attribution", "max_zoom", "url", "file", "max_tiles", "public")
 
 
+def _axes_of_4326(tile: Tile, zoom: int) -> tuple[float, float, float, float]:
+    box = tile_box(tile, zoom)
+    return box.south, box.west, box.north, box.east
+
+
+_AREAS = {"{bbox}": tile_metres, "{bbox-4326}": _axes_of_4326}
+"""The area of a tile, as WMS 1.3.0 wants it in EPSG:3857, and in EPSG:4326 with its order of axes."""
+
+
 @dataclass(frozen=True, slots=True)
 class TileService:
     """Tiles in the standard grid of Web Mercator, of a service or in a file of this server."""
 
     name: str
-    url: str  # Template with `{z}`, `{x}` and `{y}`, counted from the north; of a file: of this server
+    # Template with `{z}`, `{x}` and `{y}`, counted from the north, or with the area of a tile: `{bbox}` or
+    # `{bbox-4326}`; of a file: of this server.
+    url: str
     attribution: str  # Attribution to show with the image
     max_zoom: int  # Highest zoom that it has
     # Maximum number of tiles per image, if the service wants fewer than the settings allow.
@@ -175,7 +198,11 @@ class TileService:
         return f"{parts.scheme}://{parts.netloc}"
 
     def address(self, *, z: int, x: int, y: int) -> str:
-        return self.url.replace("{z}", str(z)).replace("{x}", str(x)).replace("{y}", str(y))
+        found = self.url.replace("{z}", str(z)).replace("{x}", str(x)).replace("{y}", str(y))
+        for name, bounds in _AREAS.items():
+            if name in found:
+                found = found.replace(name, ",".join(map(repr, bounds(Tile(x, y), z))))
+        return found
 
 
 _WITHOUT_A_KEY = (
@@ -301,8 +328,14 @@ def _check_url(url: str, *, where: str) -> None:
     parts = urlsplit(url)
     if parts.scheme not in ("http", "https") or not parts.hostname or set(parts.netloc) & set("{}@;, \"'"):
         raise UsageError("its url is not a web address", where=where, hint=_HINT)
-    if any(url.count(place) != 1 for place in ("{z}", "{x}", "{y}")):
-        raise UsageError("its url needs {z}, {x} and {y} once each", where=where, hint=_HINT)
+    if [*map(url.count, ("{z}", "{x}", "{y}", *_AREAS))] not in (
+        [1, 1, 1, 0, 0],
+        [0, 0, 0, 1, 0],
+        [0, 0, 0, 0, 1],
+    ):
+        raise UsageError(
+            "its url needs {z}, {x} and {y} once each, or {bbox} or {bbox-4326}", where=where, hint=_HINT
+        )
 
 
 def _is_whole(value: object, largest: int = 1_000_000) -> bool:

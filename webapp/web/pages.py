@@ -24,6 +24,7 @@ from webapp.files.satellite.georeference_files import CORNER_SUFFIX, worldfile_s
 from webapp.store.clock import now
 from webapp.web import language
 from webapp.web.accounts import sessions
+from webapp.web.state import ExportLink, parts
 
 _THEMES = ("light", "dark")
 _MARK = "_expmap_page"
@@ -114,6 +115,11 @@ def map_tabs() -> list[tuple[str, Tab]]:
     return sorted(tabs, key=lambda one: one[1].order)
 
 
+def export_links(kind: str) -> tuple[ExportLink, ...]:
+    """List what connections add to the export menu of a "map" or a "mission"."""
+    return parts().exports.get(kind, ())
+
+
 def _current() -> tuple[str, PageEntry] | None:
     """Return endpoint and entry of the page that is shown.
 
@@ -150,6 +156,7 @@ def _common() -> dict[str, Any]:
         "languages": language.LANGUAGES,
         "help_address": help_address,
         "map_tabs": map_tabs,
+        "export_links": export_links,
         "current_tab": _current_tab,
         "script_catalogue": language.script_catalogue,
         "theme": theme if theme in _THEMES else None,

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, cast
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, cast
 
 from flask import Blueprint, current_app
 from sqlalchemy.orm import Session
@@ -19,6 +19,13 @@ PublicList = Callable[[Session], Sequence[Any]]
 """Reads all public items of one kind."""
 
 
+class ExportLink(NamedTuple):
+    """An entry in the export menu of a map or a mission."""
+
+    path: str  # Of its route, below that of the map or mission in the API
+    label: str  # The same in all languages
+
+
 @dataclass(frozen=True, slots=True)
 class Parts:
     """The parts of which the application is composed."""
@@ -31,6 +38,8 @@ class Parts:
     # Parameters and bodies of routes that their schemas do not describe, by endpoint.
     operations: Mapping[str, Mapping[str, Any]]
     short_jobs: frozenset[str] = frozenset()  # Kinds of jobs that do not wait behind the others
+    # Entries of the export menus of a "map" and a "mission", after those of the program itself.
+    exports: Mapping[str, tuple[ExportLink, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

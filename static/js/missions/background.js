@@ -7,6 +7,7 @@
 
 import { Georeference, imageBounds, latLngOf, pixelOf } from "../shared/map/coords.js";
 import { PixelFromLatLon } from "../shared/map/latlon-to-pixel.js";
+import { areas } from "../shared/map/tile-address.js";
 import { satelliteLayer } from "../shared/map/turned-layers.js";
 
 const EQUATOR_M = 6378137;
@@ -126,7 +127,7 @@ export class TileGround {
   addTo(map) {
     const { url, max_zoom: most } = this.service;
     // tile services require the referring site; send no more than its origin
-    L.tileLayer(url, { maxNativeZoom: most, maxZoom: 22, referrerPolicy: "strict-origin-when-cross-origin" }).addTo(map);
+    L.tileLayer(url, { ...areas, maxNativeZoom: most, maxZoom: 22, referrerPolicy: "strict-origin-when-cross-origin" }).addTo(map);
   }
 }
 

@@ -2,6 +2,7 @@
 
 import { t } from "../shared/i18n.js";
 import { parsePosition } from "../shared/map/grids.js";
+import { areas } from "../shared/map/tile-address.js";
 import { addZoomButtons } from "../shared/map/zoom-buttons.js";
 import { toast } from "../shared/toast.js";
 import { page } from "./page.js";
@@ -91,6 +92,7 @@ export function goHere(button, map) {
 
 function tiles({ url, attribution, max_zoom }) {
   return L.tileLayer(url, {
+    ...areas,
     attribution: escaped(attribution),
     maxNativeZoom: max_zoom,
     maxZoom: 22,

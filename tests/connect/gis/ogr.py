@@ -1,6 +1,7 @@
 """Reads vector files with the GDAL library that rasterio brings: a reader that is not ours."""
 
 import ctypes
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,10 @@ _FUNCTIONS = {
     "GDALClose": (None, _POINTER),
     "GDALDatasetGetLayerCount": (_INT, _POINTER),
     "GDALDatasetGetLayer": (_POINTER, _POINTER, _INT),
+    "GDALDatasetGetLayerByName": (_POINTER, _POINTER, _TEXT),
     "OGR_L_GetName": (_TEXT, _POINTER),
+    "OGR_L_SetSpatialFilterRect": (None, _POINTER, *[ctypes.c_double] * 4),
+    "OGR_L_TestCapability": (_INT, _POINTER, _TEXT),
     "OGR_L_GetNextFeature": (_POINTER, _POINTER),
     "OGR_F_GetGeometryRef": (_POINTER, _POINTER),
     "OGR_F_GetFieldCount": (_INT, _POINTER),
@@ -41,21 +45,36 @@ def _library():
     return gdal
 
 
-def read_layers(path):
-    """Return the features of each layer: dicts of texts, None where unset, with `geometry` as WKT."""
+@contextmanager
+def _opened(path):
     gdal = _library()
     gdal.CPLErrorReset()
     dataset = gdal.GDALOpenEx(str(path).encode(), _VECTOR, None, None, None)
     assert dataset, gdal.CPLGetLastErrorMsg().decode()
     try:
-        found = {}
+        yield gdal, dataset
+        assert gdal.CPLGetLastErrorMsg().decode() == ""
+    finally:
+        gdal.GDALClose(dataset)
+
+
+def read_layers(path):
+    """Return the features of each layer: dicts of texts, None where unset, with `geometry` as WKT."""
+    found = {}
+    with _opened(path) as (gdal, dataset):
         for number in range(gdal.GDALDatasetGetLayerCount(dataset)):
             layer = gdal.GDALDatasetGetLayer(dataset, number)
             found[gdal.OGR_L_GetName(layer).decode()] = list(_features(gdal, layer))
-        assert gdal.CPLGetLastErrorMsg().decode() == ""
-        return found
-    finally:
-        gdal.GDALClose(dataset)
+    return found
+
+
+def read_within(path, layer, box):
+    """Return the features of a layer in an area, and whether GDAL finds them by a spatial index."""
+    with _opened(path) as (gdal, dataset):
+        found = gdal.GDALDatasetGetLayerByName(dataset, layer.encode())
+        gdal.OGR_L_SetSpatialFilterRect(found, *box)
+        is_fast = bool(gdal.OGR_L_TestCapability(found, b"FastSpatialFilter"))
+        return list(_features(gdal, found)), is_fast
 
 
 def _features(gdal, layer):

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.connect.gis.ogr import read_layers
+from tests.connect.gis.ogr import read_layers, read_within
 from webapp.app import main as program
-from webapp.connect.gis.command import _new_package
+from webapp.connect.gis.geopackage import new_package, point
 from webapp.connect.gis.layers import add_mission
 from webapp.core.geo.types import LatLon
 from webapp.errors import UsageError
@@ -147,6 +147,53 @@ def test_a_package_has_what_the_specification_demands(park, tmp_path, expmap):
     assert described == [(0,)]
 
 
+AROUND_THE_GATE = (14.0001, 49.9997, 14.0003, 49.9999)
+
+
+def test_gdal_finds_an_area_by_the_spatial_index(park, tmp_path, expmap):
+    out = tmp_path / "park.gpkg"
+    expmap("connect", "gis", "export", park, out)
+    found, is_fast = read_within(out, "photos", AROUND_THE_GATE)
+    assert ([one["id"] for one in found], is_fast) == (["0"], True)
+    extensions = rows(out, "SELECT * FROM gpkg_extensions WHERE extension_name = 'gpkg_rtree_index'")
+    assert {(table, column, scope) for table, column, _, _, scope in extensions} == {
+        (table, "geom", "write-only") for table in ("photos", "notes", "floors")
+    }
+    ((west, east),) = rows(out, "SELECT minx, maxx FROM rtree_floors_geom WHERE id = 2")
+    assert (west, east) == pytest.approx((14.0001, 14.0006), abs=2e-6)
+    with closing(sqlite3.connect(out)) as database:
+        database.execute("DELETE FROM rtree_photos_geom")
+        database.commit()
+    assert read_within(out, "photos", AROUND_THE_GATE)[0] == [], "it reads the index, not all features"
+
+
+def test_the_spatial_index_follows_changes_of_other_programs(park, tmp_path, expmap):
+    out = tmp_path / "park.gpkg"
+    expmap("connect", "gis", "export", park, out)
+    moved = point(LatLon(51.0, 15.0)).data
+    with closing(sqlite3.connect(out)) as database:
+        for name, at in (("ST_MinX", 0), ("ST_MaxX", 0), ("ST_MinY", 1), ("ST_MaxY", 1)):
+            database.create_function(name, 1, lambda geometry, at=at: np.frombuffer(geometry[-16:])[at])
+        database.create_function("ST_IsEmpty", 1, lambda geometry: False)
+
+        def indexed():
+            found = database.execute("SELECT id, round(minx, 3), round(maxy, 3) FROM rtree_photos_geom")
+            return sorted(found.fetchall())
+
+        gate, pond = (1, 14.0, 50.0), (2, 14.0, 49.999)
+        assert indexed() == [gate, pond]
+        change = database.execute
+        change("INSERT INTO photos (geom) VALUES (?)", (moved,))
+        change("UPDATE photos SET geom = NULL WHERE fid = 1")
+        assert indexed() == [pond, (3, 15.0, 51.0)]
+        change("UPDATE photos SET geom = ? WHERE fid IN (1, 2)", (moved,))
+        assert indexed() == [(1, 15.0, 51.0), (2, 15.0, 51.0), (3, 15.0, 51.0)]
+        change("UPDATE photos SET fid = 9 WHERE fid = 2")
+        change("UPDATE photos SET fid = 8, geom = NULL WHERE fid = 1")
+        change("DELETE FROM photos WHERE fid = 3")
+        assert indexed() == [(9, 15.0, 51.0)]
+
+
 def test_each_layer_has_a_default_style(park, tmp_path, expmap):
     out = tmp_path / "park.gpkg"
     expmap("connect", "gis", "export", park, out)
@@ -204,7 +251,7 @@ def track(id, latlon, *, height_m=None, timed=True, **more):
 
 def written(tmp_path, tracks, objects=()):
     mission = MissionExport("Search", tuple(tracks), (), lambda: objects)
-    with _new_package(tmp_path / "search.gpkg") as package:
+    with new_package(tmp_path / "search.gpkg") as package:
         add_mission(package, mission, progress=Progress())
     return read_layers(tmp_path / "search.gpkg")
 
@@ -292,11 +339,11 @@ def test_a_mission_of_the_library_is_exported(tmp_path, expmap):
 
 
 def test_names_that_are_no_unicode_are_written(tmp_path):
-    with _new_package(tmp_path / "odd.gpkg") as package:
+    with new_package(tmp_path / "odd.gpkg") as package:
         add_mission(package, MissionExport("a\udcff", (), (), list), progress=Progress())
     assert rows(tmp_path / "odd.gpkg", "SELECT count(*) FROM tracks") == [(0,)]
 
 
 def test_another_ending_is_refused(tmp_path):
-    with pytest.raises(UsageError, match="unknown format"), _new_package(tmp_path / "search.db"):
+    with pytest.raises(UsageError, match="unknown format"), new_package(tmp_path / "search.db"):
         pass

@@ -1,6 +1,5 @@
 """OGC API - Features: what Part 1 (OGC 17-069) demands of the core and of GeoJSON, and who sees what."""
 
-import json
 import re
 from datetime import datetime
 
@@ -10,68 +9,10 @@ import pytest
 from webapp.connect.gis import ogc_collections
 from webapp.connect.gis.ogc_query import parse_items
 from webapp.errors import UsageError
-from webapp.missions.store import missions
-from webapp.missions.tasks import store_batch
-from webapp.missions.tasks.store_batch import Numbered
 from webapp.store.accounts import accounts
 from webapp.store.schema import MapRecord
-from webapp.tasks.maps import adopt_map
 
 ROOT = "/api/v1/ogc"
-NOON = 1714564800.0  # 2024-05-01T12:00:00Z
-ABOUT = {
-    "format": "experience-map",
-    "version": 1,
-    "georeference": {
-        "plane": "EPSG:4326",
-        "plane_from_pixel": [[1e-5, 0, 14.0], [0, -1e-5, 50.0], [0, 0, 1]],
-        "method": "corners",
-    },
-    "experiences": [
-        {"id": n, "photo": f"{n}.jpg", "x_px": 10.0 * n + 0.5, "y_px": 20.0, "heading_deg": 90.0,
-         **({} if n == 4 else {"taken_at": f"2026-05-0{n + 1}T12:00:00+02:00"})}
-        for n in range(5)
-    ],
-    "notes": [
-        {"id": 1, "title": "Bench", "x_px": 10.0, "y_px": 20.0, "photos": [0, 3]},
-        {"id": 2, "title": "Lost", "text": "Its place is unknown."},
-    ],
-}  # fmt: skip
-
-
-@pytest.fixture
-def park(library, owner, save_photo):
-    """A map with five photos and two notes."""
-    folder = library.map_folder("park-2")
-    folder.mkdir(parents=True)
-    for n in range(5):
-        save_photo(folder / f"{n}.jpg", n)
-    save_photo(folder / "plan.png", 9)
-    lines = "".join(f"{n};{n}.jpg;{10 * n + 1};20\n" for n in range(5))
-    (folder / "map.cfg").write_text(f"plan.png;320;240\n{lines}")
-    (folder / "map.json").write_text(json.dumps(ABOUT))
-    adopt_map.adopt_map(library, "park-2", account_id=owner.id)
-    return "map-park-2"
-
-
-@pytest.fixture
-def search(library, owner):
-    """A mission of two tracks, one of them over the 180th meridian, and three objects."""
-    with library.database.write() as session:
-        id = missions.create(session, "Search", account_id=owner.id, map_id=None).id
-    records = [
-        {"type": "pose", "source": source, "time": NOON + n + later, "lat": lat, "lon": lon + n}
-        for source, lat, lon, later in (("gps", 50.0, 14.0, 0.0), ("odometry", 0.0, 179.5, 3600.0))
-        for n in range(2)
-    ]
-    for record in records:
-        record["lon"] -= 360.0 * (record["lon"] > 180.0)
-    records += [
-        {"type": "object", "id": id_, "class": "car", "time": NOON + n, "lat": 50.0 + n, "lon": 14.0}
-        for n, id_ in enumerate(("a", "b/1 ü", "c"))
-    ]
-    store_batch.store_batch(library, id, records=records, place=Numbered("robot", 0))
-    return f"mission-{id}"
 
 
 def ask(client, path, status=200, **query):
@@ -108,8 +49,15 @@ def test_the_landing_page_leads_everywhere(client, park):
 
 def test_what_is_implemented_is_said(client):
     found = ask(client, "/conformance").json["conformsTo"]
+    spec = "http://www.opengis.net/spec"
     assert found == [
-        f"http://www.opengis.net/spec/ogcapi-features-1/1.0/conf/{name}" for name in ("core", "geojson")
+        f"{spec}/ogcapi-features-1/1.0/conf/core",
+        f"{spec}/ogcapi-features-1/1.0/conf/geojson",
+        f"{spec}/ogcapi-features-3/1.0/conf/queryables",
+        f"{spec}/ogcapi-features-3/1.0/conf/filter",
+        f"{spec}/ogcapi-features-3/1.0/conf/features-filter",
+        f"{spec}/cql2/1.0/conf/cql2-text",
+        f"{spec}/cql2/1.0/conf/basic-cql2",
     ]
 
 
@@ -203,6 +151,70 @@ def test_features_are_chosen_by_area_and_time(client, park, search, which, query
     assert found["numberMatched"] == len(wanted)
 
 
+@pytest.mark.parametrize(
+    ("which", "query", "wanted"),
+    [
+        ("photos", {"filter": "id >= 1 AND NOT name = '2.jpg'"}, [1, 3, 4]),
+        ("photos", {"filter": "taken_at IS NULL"}, [4]),
+        ("photos", {"filter": "taken_at > TIMESTAMP('2026-05-02T10:00:00Z')"}, [2, 3]),
+        ("photos", {"filter": "taken_at = DATE('2026-05-03') OR radius_m > 5"}, [2]),
+        ("photos", {"filter": "heading_deg = 90", "bbox": "14.0,49.9,14.00015,50.1"}, [0, 1]),
+        ("notes", {"filter": "title <> 'Bench' AND note IS NOT NULL"}, ["note-2"]),
+        ("notes", {"filter": "floor = 'Ground'"}, []),
+        ("tracks", {"filter": "source = 'odometry' AND poses = 2"}, [1]),
+        ("tracks", {"filter": "first_time < TIMESTAMP('2024-05-01T12:30:00Z')"}, [0]),
+        ("objects", {"filter": "class = 'car' AND id > 'a'", "filter-lang": "cql2-text"}, ["b/1 ü", "c"]),
+        ("objects", {"filter": "id <> 'a'", "datetime": "../2024-05-01T12:00:01Z"}, ["b/1 ü"]),
+    ],
+)
+def test_features_are_chosen_by_a_filter(client, park, search, which, query, wanted):
+    collection = f"{park if which in ('photos', 'notes') else search}-{which}"
+    if which == "tracks":
+        all_ids = ids(ask(client, f"/collections/{collection}/items").json)
+        wanted = [all_ids[n] for n in wanted]
+    found = ask(client, f"/collections/{collection}/items", **query).json
+    assert ids(found) == wanted
+    assert found.get("numberMatched", len(wanted)) == found["numberReturned"] == len(wanted)
+    seen, address = [], f"/collections/{collection}/items"
+    given = {**query, "limit": "1"}
+    while address:
+        page = ask(client, address, **given).json
+        seen += ids(page)
+        address, given = next((one["href"] for one in page["links"] if one["rel"] == "next"), None), {}
+    assert seen == wanted
+
+
+def test_the_queryables_are_those_of_filters_and_features(client, park, search):
+    for collection in (f"{park}-photos", f"{park}-notes", f"{search}-tracks", f"{search}-objects"):
+        address = link(
+            ask(client, f"/collections/{collection}").json,
+            "http://www.opengis.net/def/rel/ogc/1.0/queryables",
+        )
+        assert address["type"] == "application/schema+json"
+        answer = ask(client, address["href"])
+        assert answer.content_type == "application/schema+json"
+        schema = answer.json
+        assert (schema["$id"], schema["type"]) == (address["href"], "object")
+        features = ask(client, f"/collections/{collection}/items").json["features"]
+        known = {"id", "floor", "level"}.union(*(one["properties"] for one in features))
+        assert set(schema["properties"]) <= known
+        nothing = " AND ".join(f"{name} IS NULL" for name in schema["properties"])
+        assert ask(client, f"/collections/{collection}/items", filter=nothing).json["features"] == []
+
+
+def test_a_wrong_filter_is_refused_with_its_place(client, park):
+    answer = ask(client, f"/collections/{park}-photos/items", 400, filter="heading_deg < 'north'")
+    assert answer.json["error"]["where"] == "filter, character 15"
+    answer = ask(client, f"/collections/{park}-photos/items", 400, filter="password = 'x'")
+    assert "heading_deg" in answer.json["error"]["hint"]
+
+
+def test_looking_for_features_has_a_limit_of_time(client, park, monkeypatch):
+    monkeypatch.setattr(ogc_collections, "_FILTER_S", -1.0)
+    answer = ask(client, f"/collections/{park}-photos/items", 400, filter="id < 0")
+    assert (answer.json["error"]["where"], "seconds" in answer.json["error"]["message"]) == ("filter", True)
+
+
 def test_tracks_are_lines_and_are_cut_at_the_180th_meridian(client, search):
     plain, cut = ask(client, f"/collections/{search}-tracks/items").json["features"]
     assert plain["geometry"] == {"type": "LineString", "coordinates": [[14.0, 50.0], [15.0, 50.0]]}
@@ -227,7 +239,8 @@ def test_an_object_is_found_by_any_id(client, search):
     "query",
     ["bbox=1,2,3", "bbox=a,b,c,d", "bbox=1,9,3,4", "bbox=nan,0,1,1", "bbox=1,2,3,inf", "limit=0", "limit=-1",
      "limit=x", "limit=٣", "datetime=today", "datetime=../..", "datetime=2026-05-02/2026-05-01", "datetime=",
-     "f=html", "unknown=1", "limit=1&limit=2", "after=" + "x" * 301],
+     "f=html", "unknown=1", "filter-lang=cql2-json", "filter-crs=EPSG:4326", "limit=1&limit=2",
+     "after=" + "x" * 301],
 )  # fmt: skip
 def test_wrong_parameters_are_refused_by_name(client, park, query):
     answer = ask(client, f"/collections/{park}-photos/items?{query}", 400)
@@ -235,9 +248,9 @@ def test_wrong_parameters_are_refused_by_name(client, park, query):
 
 
 def test_a_limit_beyond_the_largest_is_the_largest():
-    assert parse_items({"limit": ["99999999"]}).limit == 10_000
+    assert parse_items({"limit": ["99999999"]}, {}).limit == 10_000
     with pytest.raises(UsageError):
-        parse_items({"limit": ["9" * 30]})
+        parse_items({"limit": ["9" * 30]}, {})
 
 
 @pytest.mark.parametrize(
@@ -306,7 +319,7 @@ def test_only_who_has_a_role_sees_a_collection(
 
 
 def test_area_and_time_of_points_without_them():
-    query = parse_items({"bbox": ["170,-10,-170,10"], "datetime": ["2026-05-01T00:00:00Z"]})
+    query = parse_items({"bbox": ["170,-10,-170,10"], "datetime": ["2026-05-01T00:00:00Z"]}, {})
     np.testing.assert_array_equal(query.within([0, 0, 0, np.nan], [175, -175, 0, np.nan]), [1, 1, 0, 1])
     assert query.during(None, None)
     assert not query.during(0.0, 1.0)

@@ -277,6 +277,18 @@ def test_a_file_of_tiles_needs_no_network(library, map_id, server, settings, tmp
         assert tuple(pixels[y, x]) == (255, 0, 0)
 
 
+def test_a_tile_can_be_named_by_its_area(settings):
+    one = {"name": "Own", "attribution": "© us", "max_zoom": 17}
+    for name, wanted in (
+        ("bbox", (0.0, 10018754.1714, 10018754.1714, 20037508.3428)),
+        ("bbox-4326", (66.5132604431, 0.0, 85.0511287798, 90.0)),
+    ):
+        settings.tile_services.write_text(json.dumps([{**one, "url": f"https://a.example/{{{name}}}"}]))
+        (service,) = satellite_tiles.tile_services(settings.tile_services)
+        bounds = service.address(z=2, x=2, y=0).removeprefix("https://a.example/").split(",")
+        assert [float(number) for number in bounds] == pytest.approx(wanted, abs=1e-4)
+
+
 def test_a_service_has_an_address_or_a_file_that_exists(settings):
     one = {"name": "Own", "attribution": "© us", "max_zoom": 17}
     url = "https://a.example/{z}/{x}/{y}"
@@ -284,6 +296,8 @@ def test_a_service_has_an_address_or_a_file_that_exists(settings):
         ({}, "missing"),
         ({"file": "x.mbtiles", "url": url}, "invalid"),
         ({"file": "missing.mbtiles"}, "does not exist"),
+        ({"url": "https://a.example/{bbox}/{z}"}, "or {bbox} or {bbox-4326}"),
+        ({"url": "https://a.example/{bbox}/{bbox-4326}"}, "or {bbox} or {bbox-4326}"),
     ):
         settings.tile_services.write_text(json.dumps([{**one, **fields}]))
         with pytest.raises(UsageError, match=message):

@@ -5,5 +5,5 @@ from webapp.connect import Registration
 CONNECTION = Registration(
     "webapp.connect.gis.command:gis",
     "Write a map or a mission as a GeoPackage for QGIS and QField.",
-    "webapp.connect.gis.ogc_api:PARTS",
+    "webapp.connect.gis.web:PARTS",
 )

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
-import sqlite3
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -14,10 +10,8 @@ import click
 from webapp.cli.composition import settings_in_use
 from webapp.cli.library import existing_library, library_option, library_settings
 from webapp.cli.progressbar import terminal_progress
-from webapp.connect.gis.geopackage import GeoPackage
+from webapp.connect.gis.geopackage import new_package
 from webapp.connect.gis.layers import add_map, add_mission
-from webapp.errors import UsageError
-from webapp.files.atomic import storage_error
 from webapp.missions.store import reading
 from webapp.tasks.exchange.export_source import of_folder, thumbnail
 
@@ -41,7 +35,7 @@ def export(cfg: Path, out: Path, attach: bool) -> None:
     if source.map.title:
         source = of_folder(cfg, title=source.map.title)
     make = partial(thumbnail, source, side=_ATTACHED_SIDE, limits=settings.photo)
-    with terminal_progress("photos") as progress, _new_package(out) as package:
+    with terminal_progress("photos") as progress, new_package(out) as package:
         count = add_map(
             package,
             source,
@@ -64,30 +58,6 @@ def export_mission(mission: int, out: Path, points: int | None, library: Path | 
     settings = library_settings(library)
     with existing_library(settings) as place:
         found = reading.read(place.database, mission, most=points)
-        with terminal_progress("tracks") as progress, _new_package(out) as package:
+        with terminal_progress("tracks") as progress, new_package(out) as package:
             tracks, poses, objects = add_mission(package, found, progress=progress)
     click.echo(f"wrote {out}: {tracks} tracks, {poses} poses, {objects} objects")
-
-
-@contextmanager
-def _new_package(out: Path) -> Iterator[GeoPackage]:
-    """Yield a GeoPackage that replaces a file once it is complete.
-
-    Raises:
-        UsageError: The name has another ending.
-        StorageError: It cannot be written.
-    """
-    if out.suffix.lower() != ".gpkg":
-        raise UsageError("unknown format", where=out.name, hint="the name of a GeoPackage ends in .gpkg")
-    part = out.with_name(f".{secrets.token_hex(4)}{out.suffix}")
-    try:
-        with closing(sqlite3.connect(part)) as connection:
-            yield GeoPackage(connection)
-            connection.commit()
-        part.replace(out)
-    except OSError as error:
-        raise storage_error(error, where=str(out)) from error
-    except sqlite3.Error as error:
-        raise UsageError(f"the file cannot be written: {error}", where=str(out)) from error
-    finally:
-        part.unlink(missing_ok=True)

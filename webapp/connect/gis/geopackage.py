@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
+import secrets
 import sqlite3
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from webapp.core.geo.types import LatLon
+from webapp.errors import UsageError
+from webapp.files.atomic import storage_error
 
 _APPLICATION_ID = 0x47504B47  # "GPKG"
 _VERSION = 10300
@@ -78,6 +83,30 @@ CREATE TABLE pictures (id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, data BLOB 
 INSERT INTO gpkg_contents (table_name, data_type, identifier, description)
   VALUES ('pictures', 'attributes', 'pictures', 'Pictures of the features');
 """
+_INDEX_EXTENSION = "http://www.geopackage.org/spec120/#extension_rtree"
+_INDEX = "rtree_{t}_geom"
+_BOX = "ST_MinX(NEW.geom), ST_MaxX(NEW.geom), ST_MinY(NEW.geom), ST_MaxY(NEW.geom)"
+_THERE, _NOT_THERE = (
+    "NEW.geom NOTNULL AND NOT ST_IsEmpty(NEW.geom)",
+    "(NEW.geom ISNULL OR ST_IsEmpty(NEW.geom))",
+)
+_TRIGGERS = {
+    "insert": f"INSERT ON {{t}} WHEN {_THERE} BEGIN INSERT OR REPLACE INTO {{i}} VALUES (NEW.fid, {_BOX});",
+    "update2": f"UPDATE OF geom ON {{t}} WHEN OLD.fid = NEW.fid AND {_NOT_THERE}"
+    " BEGIN DELETE FROM {i} WHERE id = OLD.fid;",
+    "update4": f"UPDATE ON {{t}} WHEN OLD.fid != NEW.fid AND {_NOT_THERE}"
+    " BEGIN DELETE FROM {i} WHERE id IN (OLD.fid, NEW.fid);",
+    "update5": f"UPDATE ON {{t}} WHEN OLD.fid != NEW.fid AND {_THERE} BEGIN DELETE FROM {{i}}"
+    f" WHERE id = OLD.fid; INSERT OR REPLACE INTO {{i}} VALUES (NEW.fid, {_BOX});",
+    "update6": f"UPDATE OF geom ON {{t}} WHEN OLD.fid = NEW.fid AND {_THERE} AND OLD.geom NOTNULL AND"
+    " NOT ST_IsEmpty(OLD.geom) BEGIN UPDATE {i} SET minx = ST_MinX(NEW.geom), maxx = ST_MaxX(NEW.geom),"
+    " miny = ST_MinY(NEW.geom), maxy = ST_MaxY(NEW.geom) WHERE id = NEW.fid;",
+    "update7": f"UPDATE OF geom ON {{t}} WHEN OLD.fid = NEW.fid AND {_THERE} AND"
+    f" (OLD.geom ISNULL OR ST_IsEmpty(OLD.geom)) BEGIN INSERT INTO {{i}} VALUES (NEW.fid, {_BOX});",
+    "delete": "DELETE ON {t} WHEN OLD.geom NOTNULL BEGIN DELETE FROM {i} WHERE id = OLD.fid;",
+}
+"""What keeps the index right while other programs, which have the functions ST_..., change the table."""
+
 _SCHEMA_EXTENSION = "http://www.geopackage.org/spec/#extension_schema"
 _MEDIA_EXTENSION = "http://www.geopackage.org/18-000.html"
 
@@ -180,15 +209,22 @@ class GeoPackage:
         marks = ", ".join("?" * (1 + len(table.fields)))
         names = ", ".join(f'"{name}"' for name in (_GEOMETRY, *(field.name for field in table.fields)))
         insert = f'INSERT INTO "{table.name}" ({names}) VALUES ({marks})'
+        index = f"INSERT INTO {_INDEX.format(t=table.name)} VALUES (?, ?, ?, ?, ?)"
         west, south, east, north = math.inf, math.inf, -math.inf, -math.inf
         count = 0
-        for geometry, values in rows:
-            if geometry is not None:
-                west, south = min(west, geometry.bounds[0]), min(south, geometry.bounds[1])
-                east, north = max(east, geometry.bounds[2]), max(north, geometry.bounds[3])
+        for count, (geometry, values) in enumerate(rows, start=1):
             data = None if geometry is None else geometry.data
             self._connection.execute(insert, (data, *map(_plain, values)))
-            count += 1
+            if geometry is not None:
+                left, bottom, right, top = geometry.bounds
+                west, south, east, north = (
+                    min(west, left),
+                    min(south, bottom),
+                    max(east, right),
+                    max(north, top),
+                )
+                self._connection.execute(index, (count, left, right, bottom, top))
+        self._keep_indexed(table.name)
         if west <= east:
             self._connection.execute(
                 "UPDATE gpkg_contents SET min_x = ?, min_y = ?, max_x = ?, max_y = ? WHERE table_name = ?",
@@ -214,6 +250,7 @@ class GeoPackage:
         ]
         execute = self._connection.execute
         execute(f'CREATE TABLE "{table.name}" ({", ".join(columns)})')
+        execute(f"CREATE VIRTUAL TABLE {_INDEX.format(t=table.name)} USING rtree(id, minx, maxx, miny, maxy)")
         insert = "INSERT INTO gpkg_contents (table_name, data_type, identifier, description, srs_id) "
         execute(f"{insert} VALUES (?, 'features', ?, ?, ?)", (table.name, _plain(title), table.about, _WGS84))
         # 2: some of the geometries have them
@@ -231,6 +268,19 @@ class GeoPackage:
             " styleName, styleQML, styleSLD, useAsDefault, description, owner)"
             " VALUES ('', '', ?, ?, ?, ?, '', 1, '', '')",
             (table.name, _GEOMETRY, table.name, table.style),
+        )
+
+    def _keep_indexed(self, table: str) -> None:
+        """Complete the spatial index of a table (extension `gpkg_rtree_index`) by its triggers, those of
+        GeoPackage 1.4, in which mistakes of 1.3 are corrected."""
+        index = _INDEX.format(t=table)
+        for name, body in _TRIGGERS.items():
+            self._connection.execute(
+                f"CREATE TRIGGER {index}_{name} AFTER {body.format(t=table, i=index)} END"
+            )
+        self._connection.execute(
+            "INSERT INTO gpkg_extensions VALUES (?, ?, 'gpkg_rtree_index', ?, 'write-only')",
+            (table, _GEOMETRY, _INDEX_EXTENSION),
         )
 
     def _relate(self, table: str, mapping: str) -> None:
@@ -252,6 +302,30 @@ class GeoPackage:
     def _extend(self, table: str, name: str, definition: str) -> None:
         insert = "INSERT INTO gpkg_extensions VALUES (?, NULL, ?, ?, 'read-write')"
         self._connection.execute(insert, (table, name, definition))
+
+
+@contextmanager
+def new_package(out: Path) -> Iterator[GeoPackage]:
+    """Yield a GeoPackage that replaces a file once it is complete.
+
+    Raises:
+        UsageError: The name has another ending.
+        StorageError: It cannot be written.
+    """
+    if out.suffix.lower() != ".gpkg":
+        raise UsageError("unknown format", where=out.name, hint="the name of a GeoPackage ends in .gpkg")
+    part = out.with_name(f".{secrets.token_hex(4)}{out.suffix}")
+    try:
+        with closing(sqlite3.connect(part)) as connection:
+            yield GeoPackage(connection)
+            connection.commit()
+        part.replace(out)
+    except OSError as error:
+        raise storage_error(error, where=str(out)) from error
+    except sqlite3.Error as error:
+        raise UsageError(f"the file cannot be written: {error}", where=str(out)) from error
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def _plain(value: Any) -> Any:

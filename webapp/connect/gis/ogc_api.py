@@ -1,7 +1,8 @@
-"""OGC API - Features, Part 1: the core and GeoJSON, read only, for QGIS and other programs."""
+"""OGC API - Features, read only, for QGIS and other programs: core, GeoJSON, and filters (Part 3, CQL2)."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 from urllib.parse import quote
 
@@ -9,6 +10,7 @@ from apiflask import APIBlueprint, Schema
 from apiflask.fields import Dict, List, Nested, String
 from flask import request, url_for
 
+from webapp.connect.gis.cql2 import Kind
 from webapp.connect.gis.ogc_collections import (
     Collection,
     check_right,
@@ -16,14 +18,14 @@ from webapp.connect.gis.ogc_collections import (
     item,
     items,
     list_collections,
+    queryables,
 )
-from webapp.connect.gis.ogc_query import FORMAT_PARAMETER, ITEM_PARAMETERS, checked, parse_items
+from webapp.connect.gis.ogc_query import CRS84, FORMAT_PARAMETER, ITEM_PARAMETERS, checked, parse_items
 from webapp.files.exchange.times import utc
 from webapp.missions.web.context import allow_any_text
 from webapp.store.clock import now
 from webapp.web.context import authorized_by
 from webapp.web.openapi import PATH, file_answer
-from webapp.web.state import Parts
 
 blueprint = APIBlueprint("api_ogc", __name__, url_prefix="/api/v1/ogc", tag="Import and export")
 blueprint.record(allow_any_text)
@@ -31,9 +33,21 @@ blueprint.record(allow_any_text)
 _GEOJSON = "application/geo+json"
 _JSON = "application/json"
 _OPENAPI = "application/vnd.oai.openapi+json;version=3.1"
-_CRS84 = "http://www.opengis.net/def/crs/OGC/1.3/CRS84"
 _GREGORIAN = "http://www.opengis.net/def/uom/ISO-8601/0/Gregorian"
-_CONFORMANCE = "http://www.opengis.net/spec/ogcapi-features-1/1.0/conf/"
+_SPEC = "http://www.opengis.net/spec"
+_CONFORMANCE = (
+    *(f"{_SPEC}/ogcapi-features-1/1.0/conf/{name}" for name in ("core", "geojson")),
+    *(f"{_SPEC}/ogcapi-features-3/1.0/conf/{name}" for name in ("queryables", "filter", "features-filter")),
+    *(f"{_SPEC}/cql2/1.0/conf/{name}" for name in ("cql2-text", "basic-cql2")),
+)
+_SCHEMA = "application/schema+json"
+_QUERYABLES = "http://www.opengis.net/def/rel/ogc/1.0/queryables"
+_TYPES: Mapping[Kind, dict[str, str]] = {
+    "number": {"type": "number"},
+    "text": {"type": "string"},
+    "time": {"type": "string", "format": "date-time"},
+    "boolean": {"type": "boolean"},
+}
 
 _right = authorized_by(lambda collection, **_: check_right(collection))
 
@@ -110,7 +124,7 @@ def landing() -> dict[str, Any]:
 def conformance() -> dict[str, Any]:
     """List the classes of the standard that are implemented."""
     _only_format()
-    return {"conformsTo": [f"{_CONFORMANCE}{name}" for name in ("core", "geojson")]}
+    return {"conformsTo": list(_CONFORMANCE)}
 
 
 @blueprint.get("/collections")
@@ -131,12 +145,30 @@ def show_collection(collection: str) -> dict[str, Any]:
     return _collection_json(describe(collection))
 
 
+@blueprint.get("/collections/<collection>/queryables")
+@_right
+@blueprint.doc(responses=file_answer("A JSON Schema.", _SCHEMA))
+def show_queryables(collection: str) -> Answer:
+    """List the properties that a filter on a collection may name (OGC API - Features, Part 3)."""
+    _only_format()
+    named = {name: {"title": name, **_TYPES[kind]} for name, kind in queryables(collection).items()}
+    answer = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$id": _address("show_queryables", collection=collection),
+        "type": "object",
+        "title": describe(collection).title,
+        "properties": named,
+        "additionalProperties": False,
+    }
+    return answer, 200, {"Content-Type": _SCHEMA}
+
+
 @blueprint.get("/collections/<collection>/items")
 @_right
 @blueprint.doc(responses=file_answer("A feature collection.", _GEOJSON))
 def list_items(collection: str) -> Answer:
     """Get features of a collection, by area and time, in pages."""
-    query = parse_items(request.args.to_dict(flat=False))
+    query = parse_items(request.args.to_dict(flat=False), queryables(collection))
     found = items(collection, query)
     own = {name: value for name, value in request.args.items() if name != "after"}
     links = [
@@ -151,9 +183,10 @@ def list_items(collection: str) -> Answer:
         "features": found.features,
         "links": links,
         "timeStamp": utc([now().timestamp()])[0],
-        "numberMatched": found.matched,
         "numberReturned": len(found.features),
     }
+    if found.matched is not None:
+        answer["numberMatched"] = found.matched
     return answer, 200, {"Content-Type": _GEOJSON}
 
 
@@ -187,36 +220,32 @@ def _link(href: str, rel: str, title: str, *, type: str = _JSON) -> dict[str, st
 def _collection_json(one: Collection) -> dict[str, Any]:
     extent: dict[str, Any] = {}
     if one.box is not None:
-        extent["spatial"] = {"bbox": [one.box], "crs": _CRS84}
+        extent["spatial"] = {"bbox": [one.box], "crs": CRS84}
     if one.span_s is not None:
         extent["temporal"] = {"interval": [utc(one.span_s)], "trs": _GREGORIAN}
     own = _address("show_collection", collection=one.id)
     links = [
         _link(own, "self", one.title),
         _link(_address("list_items", collection=one.id), "items", one.title, type=_GEOJSON),
+        _link(_address("show_queryables", collection=one.id), _QUERYABLES, "Queryables", type=_SCHEMA),
     ]
     about = {"id": one.id, "title": one.title, "description": one.about, "itemType": "feature"}
-    return {**about, "crs": [_CRS84], "links": links, **({"extent": extent} if extent else {})}
+    return {**about, "crs": [CRS84], "links": links, **({"extent": extent} if extent else {})}
 
 
-PARTS = Parts(
-    blueprints=(blueprint,),
-    public_lists={},
-    path_parameters={
-        "collection": {
-            "description": "Id of the collection, such as `map-park-photos` or `mission-7-tracks`."
-        },
-        "feature": {"description": "Id of the feature."},
-    },
-    operations={
-        f"api_ogc.{view}": {"parameters": [*more, FORMAT_PARAMETER]}
-        for view, more in (
-            ("landing", ()),
-            ("conformance", ()),
-            ("collections", ()),
-            ("show_collection", ()),
-            ("list_items", ITEM_PARAMETERS),
-            ("show_item", ()),
-        )
-    },
-)
+PATH_PARAMETERS = {
+    "collection": {"description": "Id of the collection, such as `map-park-photos` or `mission-7-tracks`."},
+    "feature": {"description": "Id of the feature."},
+}
+OPERATIONS: dict[str, dict[str, Any]] = {
+    f"api_ogc.{view}": {"parameters": [*more, FORMAT_PARAMETER]}
+    for view, more in (
+        ("landing", ()),
+        ("conformance", ()),
+        ("collections", ()),
+        ("show_collection", ()),
+        ("show_queryables", ()),
+        ("list_items", ITEM_PARAMETERS),
+        ("show_item", ()),
+    )
+}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -14,12 +15,14 @@ from flask import url_for
 from sqlalchemy import ColumnElement, and_, or_, select
 from sqlalchemy.orm import Session
 
+from webapp.connect.gis.cql2 import Kind
 from webapp.connect.gis.layers import place_of, radius_of
 from webapp.connect.gis.ogc_query import Box, ItemQuery
 from webapp.core.geo.georeference import Georeference, latlon_grid
 from webapp.core.mapmodel.checks import MAX_NUMBER
+from webapp.core.mapmodel.model import WRITTEN
 from webapp.core.mapmodel.notes import MapNote
-from webapp.errors import NotFound
+from webapp.errors import NotFound, UsageError
 from webapp.files.exchange.geojson import photo_properties, point_feature
 from webapp.files.exchange.times import unix_time, utc
 from webapp.missions.files.geojson_writer import object_feature, track_feature
@@ -49,6 +52,52 @@ _ABOUT = {
 }
 
 
+_OF_PHOTOS: dict[str, Kind] = {
+    "id": "number",
+    "name": "text",
+    "photo": "text",
+    **dict.fromkeys(("heading_deg", "fov_deg", "gps_accuracy_m", "radius_m", "x_px", "y_px"), "number"),
+    "taken_at": "time",
+    "credit": "text",
+    "floor": "text",
+    "level": "number",
+    **dict.fromkeys(WRITTEN, "text"),
+}
+_OF_TRACKS: dict[str, Kind] = {
+    "id": "text",
+    "source": "text",
+    "name": "text",
+    "poses": "number",
+    "distance_m": "number",
+    "first_time": "time",
+    "last_time": "time",
+}
+_OF_OBJECTS: dict[str, Kind] = {
+    "id": "text",
+    "class": "text",
+    "state": "text",
+    "state_by": "text",
+    "photo": "text",
+    "confidence": "number",
+    "sightings": "number",
+    **dict.fromkeys(("first_time", "last_time", "state_time"), "time"),
+}
+_QUERYABLES: dict[str, dict[str, Kind]] = {
+    "photos": _OF_PHOTOS,
+    "notes": dict.fromkeys(("id", "title", "note", "photos", "floor"), "text"),
+    "tracks": _OF_TRACKS,
+    "objects": _OF_OBJECTS,
+}
+"""Properties that a filter may name, by kind of collection."""
+
+_NO_FACTS: dict[str, Any] = {"id": "", "properties": {}}
+_FILTER_S = 10.0
+"""Time limit of looking for features that a filter wants."""
+
+_PART = 500
+"""Features that are read at once while a filter is applied."""
+
+
 class CollectionName(NamedTuple):
     """What an id of a collection names."""
 
@@ -73,7 +122,7 @@ class Items:
     """Some features of a collection."""
 
     features: list[dict[str, Any]]
-    matched: int  # Number of all that are wanted
+    matched: int | None  # Number of all that are wanted; None if they have not been counted
     after: str | None  # Id of the last one, if more follow
 
 
@@ -166,6 +215,11 @@ def _box_of(track: Track) -> Box | None:
     return (west, south, east, north)
 
 
+def queryables(id: str) -> dict[str, Kind]:
+    """Return what a filter on a collection may name. Raises NotFound."""
+    return _QUERYABLES[parse_name(id).kind]
+
+
 def items(id: str, query: ItemQuery) -> Items:
     """Read some features of a collection. Raises NotSignedIn, NotFound."""
     name = parse_name(id)
@@ -173,7 +227,7 @@ def items(id: str, query: ItemQuery) -> Items:
         with reading_map(name.slug) as (session, record):
             if name.kind == "photos":
                 return _photos(session, record, query)
-            return _page(list(_notes(record)), query)
+            return _page([note for note in _notes(record) if query.wants(note)], query)
     mission_id = open_mission(name.mission_id or 0).id
     return _tracks(mission_id, query) if name.kind == "tracks" else _objects(mission_id, query)
 
@@ -219,9 +273,34 @@ def _photos(session: Session, record: MapRecord, query: ItemQuery) -> Items:
     matched = ids[wanted]
     after = int(query.after) if query.after and query.after.isdecimal() and len(query.after) < 12 else -1
     rest = matched[matched > after]
+    if query.filter is not None:
+        parts = (rest[n : n + _PART].tolist() for n in range(0, len(rest), _PART))
+        return _filtered((f for part in parts for f in _photo_features(session, record, part)), query)
     page = rest[: query.limit].tolist()
     more = str(page[-1]) if len(rest) > query.limit else None
     return Items(list(_photo_features(session, record, page)), len(matched), more)
+
+
+def _filtered(candidates: Iterable[dict[str, Any]], query: ItemQuery) -> Items:
+    """Return the first features that a filter wants.
+
+    Raises:
+        UsageError: Looking for them takes too long.
+    """
+    found: list[dict[str, Any]] = []
+    until = time.monotonic() + _FILTER_S
+    for feature in candidates:
+        if query.wants(feature):
+            found.append(feature)
+        if len(found) > query.limit:
+            return Items(found[: query.limit], None, str(found[query.limit - 1]["id"]))
+        if time.monotonic() > until:
+            raise UsageError(
+                f"the filter takes more than {_FILTER_S:g} seconds",
+                where="filter",
+                hint="add bbox or datetime, or ask for fewer features",
+            )
+    return Items(found, None, None)
 
 
 def _photo_features(session: Session, record: MapRecord, ids: list[int]) -> Iterator[dict[str, Any]]:
@@ -276,17 +355,38 @@ def _listed_tracks(mission_id: int) -> list[Track]:
 
 
 def _tracks(mission_id: int, query: ItemQuery) -> Items:
+    facts = {} if query.filter is None else _track_facts(mission_id)
     wanted = [
         track
         for track in _listed_tracks(mission_id)
         if query.touches(_box_of(track))
         and (not track.timed or query.during(track.first_time_s, track.last_time_s))
+        and (query.filter is None or query.wants(facts.get(track.id, _NO_FACTS)))
     ]
     names = [f"track-{track.id}" for track in wanted]
     begin = names.index(query.after) + 1 if query.after in names else 0
     page = wanted[begin : begin + query.limit]
     more = names[begin + query.limit - 1] if begin + query.limit < len(wanted) else None
     return Items(list(_track_features(mission_id, page)), len(wanted), more)
+
+
+def _track_facts(mission_id: int) -> dict[int, dict[str, Any]]:
+    """Return the features of the tracks by their numbers, only with properties that a filter may name."""
+    found = {track.id: track for track in _listed_tracks(mission_id)}
+    facts = {}
+    for track in reading.read(library().database, mission_id, most=_POSES).tracks:
+        if track.id in found:
+            about = {"source": track.source, "name": track.label, "poses": track.count}
+            about |= {"distance_m": track.distance_m, **_times(found[track.id])}
+            facts[track.id] = {"id": f"track-{track.id}", "properties": about}
+    return facts
+
+
+def _times(track: Track) -> dict[str, str]:
+    if not track.timed or track.first_time_s is None or track.last_time_s is None:
+        return {}
+    first, last = utc([track.first_time_s, track.last_time_s])
+    return {"first_time": first, "last_time": last}
 
 
 def _track_features(mission_id: int, wanted: list[Track]) -> Iterator[dict[str, Any]]:
@@ -297,14 +397,14 @@ def _track_features(mission_id: int, wanted: list[Track]) -> Iterator[dict[str, 
         if track.id not in exported:  # it was deleted meanwhile
             continue
         feature = json.loads("".join(track_feature(exported[track.id])))
-        if track.timed and track.first_time_s is not None and track.last_time_s is not None:
-            first, last = utc([track.first_time_s, track.last_time_s])
-            feature["properties"] |= {"first_time": first, "last_time": last}
+        feature["properties"] |= _times(track)
         yield feature
 
 
 def _objects(mission_id: int, query: ItemQuery) -> Items:
     conditions = list(_conditions(query))
+    if query.filter is not None:
+        return _filtered(_all_objects(mission_id, conditions, after=query.after), query)
     with library().database.read() as session:
         rows, matched = reading.find_objects(
             session, mission_id, within=conditions, after=query.after, most=query.limit + 1
@@ -312,6 +412,18 @@ def _objects(mission_id: int, query: ItemQuery) -> Items:
     page = rows[: query.limit]
     more = page[-1].object_id if len(rows) > query.limit else None
     return Items([_object(row) for row in page], matched, more)
+
+
+def _all_objects(
+    mission_id: int, conditions: list[ColumnElement[bool]], *, after: str | None
+) -> Iterator[dict[str, Any]]:
+    while True:
+        with library().database.read() as session:
+            rows, _ = reading.find_objects(session, mission_id, within=conditions, after=after, most=_PART)
+        yield from map(_object, rows)
+        if len(rows) < _PART:
+            return
+        after = rows[-1].object_id
 
 
 def _object(row: MissionObject) -> dict[str, Any]:

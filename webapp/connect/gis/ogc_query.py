@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from webapp.connect.gis.cql2 import MAX_CHARACTERS, Filter, Kind, parse_filter
 from webapp.errors import UsageError
 from webapp.files.exchange.times import unix_time
 
@@ -17,6 +18,9 @@ MOST_ITEMS = 10_000
 USUAL_ITEMS = 100
 _LONGEST = 300
 """Characters of a parameter."""
+
+CRS84 = "http://www.opengis.net/def/crs/OGC/1.3/CRS84"
+_LANGUAGE = "cql2-text"
 
 ITEM_PARAMETERS: tuple[dict[str, Any], ...] = (
     {
@@ -46,6 +50,25 @@ ITEM_PARAMETERS: tuple[dict[str, Any], ...] = (
         "schema": {"type": "integer", "minimum": 1, "maximum": MOST_ITEMS, "default": USUAL_ITEMS},
     },
     {
+        "name": "filter",
+        "in": "query",
+        "description": "Condition on the queryables of the collection, in CQL2 text (Basic CQL2).",
+        "schema": {"type": "string", "maxLength": MAX_CHARACTERS},
+        "example": "heading_deg < 90 AND NOT note IS NULL",
+    },
+    {
+        "name": "filter-lang",
+        "in": "query",
+        "description": "The language of the filter, of which there is one.",
+        "schema": {"type": "string", "enum": [_LANGUAGE]},
+    },
+    {
+        "name": "filter-crs",
+        "in": "query",
+        "description": "The coordinate system of the filter, of which there is one.",
+        "schema": {"type": "string", "enum": [CRS84]},
+    },
+    {
         "name": "after",
         "in": "query",
         "description": "Id of the feature after which the answer begins; links `next` have it.",
@@ -71,6 +94,11 @@ class ItemQuery:
     span_s: tuple[float, float] | None = None  # Unix seconds, both included; infinite if open
     limit: int = USUAL_ITEMS
     after: str | None = None
+    filter: Filter | None = None
+
+    def wants(self, feature: Mapping[str, Any]) -> bool:
+        """Return whether the filter, if any, holds for the id and the properties of a feature."""
+        return self.filter is None or bool(self.filter({**feature["properties"], "id": feature["id"]}))
 
     def within(self, lat: ArrayLike, lon: ArrayLike) -> NDArray[np.bool_]:
         """Return whether points (n,) are wanted by their positions, (n,); NaN is unknown."""
@@ -96,21 +124,26 @@ class ItemQuery:
         return not (last_s < self.span_s[0] or self.span_s[1] < first_s)
 
 
-def parse_items(given: Mapping[str, Sequence[str]]) -> ItemQuery:
+def parse_items(given: Mapping[str, Sequence[str]], queryables: Mapping[str, Kind]) -> ItemQuery:
     """Parse the parameters of features.
 
     Args:
         given: Values by name.
+        queryables: Properties that a filter may name.
 
     Raises:
         UsageError: A parameter is unknown, repeated or not valid.
     """
-    values = checked(given, {"bbox", "datetime", "limit", "after", "f"})
+    values = checked(given, {"f", *(parameter["name"] for parameter in ITEM_PARAMETERS)})
+    for name, only in (("filter-lang", _LANGUAGE), ("filter-crs", CRS84)):
+        if values.get(name, only) != only:
+            raise UsageError("this is not implemented", where=name, hint=f"use {only}")
     return ItemQuery(
         box=_box(values["bbox"]) if "bbox" in values else None,
         span_s=_span(values["datetime"]) if "datetime" in values else None,
         limit=_limit(values.get("limit", str(USUAL_ITEMS))),
         after=values.get("after"),
+        filter=parse_filter(values["filter"], queryables) if "filter" in values else None,
     )
 
 
@@ -125,7 +158,8 @@ def checked(given: Mapping[str, Sequence[str]], known: set[str]) -> dict[str, st
             raise UsageError(
                 "this parameter does not exist here", where=name[:80], hint=f"use {', '.join(sorted(known))}"
             )
-        if len(values) > 1 or len(values[0]) > _LONGEST:
+        longest = MAX_CHARACTERS if name == "filter" else _LONGEST
+        if len(values) > 1 or len(values[0]) > longest:
             raise UsageError("this parameter is there twice, or too long", where=name)
     found = {name: values[0] for name, values in given.items()}
     if found.get("f", "json") != "json":

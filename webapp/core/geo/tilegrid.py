@@ -51,6 +51,24 @@ class Tile(NamedTuple):
     y: int
 
 
+def tile_metres(tile: Tile, zoom: int) -> tuple[float, float, float, float]:
+    """Return west, south, east and north of a tile, in metres of web Mercator."""
+    side = 2.0 * _HALF_M / (1 << zoom)
+    return (
+        tile.x * side - _HALF_M,
+        _HALF_M - (tile.y + 1) * side,
+        (tile.x + 1) * side - _HALF_M,
+        _HALF_M - tile.y * side,
+    )
+
+
+def tile_box(tile: Tile, zoom: int) -> GeoBox:
+    """Return the area of a tile."""
+    west, south, east, north = (metres / _HALF_M * math.pi for metres in tile_metres(tile, zoom))
+    lats = (math.atan(math.sinh(y)) for y in (north, south))
+    return GeoBox(*map(math.degrees, (*lats, west, east)))
+
+
 @dataclass(frozen=True, slots=True)
 class TileCut:
     """A rectangle of whole pixels at a zoom."""

@@ -246,7 +246,12 @@ class ServiceOut(Schema):
     """A tile service."""
 
     name = String()
-    url = String()
+    url = String(
+        metadata={
+            "description": "Template with `{z}`, `{x}` and `{y}`, or with the area of a tile: `{bbox}` "
+            "(west, south, east, north in EPSG:3857) or `{bbox-4326}` (south, west, north, east)."
+        }
+    )
     attribution = String()
     max_zoom = Integer()
     max_tiles = Integer()

@@ -6,6 +6,7 @@
  */
 
 import { latLngOf, pixelOf } from "./coords.js";
+import { addressOf } from "./tile-address.js";
 import { turnOf } from "./turned-crs.js";
 
 const TILE = 256;
@@ -266,8 +267,7 @@ class Level {
     image.style.left = `${(column - this.first[0]) * TILE}px`;
     image.style.top = `${(row - this.first[1]) * TILE}px`;
     const east = ((column % this.across) + this.across) % this.across;
-    const values = { z: this.zoom, x: east, y: row };
-    image.src = this.service.url.replaceAll(/\{([zxy])\}/g, (_, name) => String(values[name]));
+    image.src = addressOf(this.service.url, { z: this.zoom, x: east, y: row });
     this.element.append(image);
   }
 
