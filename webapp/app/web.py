@@ -151,6 +151,7 @@ WEB_PARTS = Parts(
         *(part.operations for part in CONNECTED),
     ),
     short_jobs=REGISTRY.short(),
+    account_pages=tuple(page for part in CONNECTED for page in part.account_pages),
 )
 
 

@@ -9,7 +9,7 @@ from webapp.importing import import_name
 
 
 class Registration(NamedTuple):
-    """What a folder contributes: a command `expmap connect NAME`, NAME being the folder's; routes; and jobs."""
+    """What a folder contributes: a command `expmap connect NAME`, NAME being the folder's; routes; jobs."""
 
     command: str  # "module:object"
     summary: str  # First sentence of its help

@@ -89,9 +89,7 @@ def emit(
         facts: JSON values.
         concerns: Whether an account may know of it.
     """
-    chosen = (
-        select(EventReceiver, Account).join(Account).where(EventReceiver.confirmed_at.is_not(None))
-    )
+    chosen = select(EventReceiver, Account).join(Account).where(EventReceiver.confirmed_at.is_not(None))
     id = new_id()
     for receiver, account in session.execute(chosen.order_by(EventReceiver.id)):
         if event in receiver.events and concerns(account):

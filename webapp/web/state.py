@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 from flask import Blueprint, current_app
+from flask_babel import LazyString
 from sqlalchemy.orm import Session
 
 from webapp.settings import Settings
@@ -17,6 +18,14 @@ KEY = "expmap"
 
 PublicList = Callable[[Session], Sequence[Any]]
 """Reads all public items of one kind."""
+
+
+class AccountPage(NamedTuple):
+    """A page that the account page links to."""
+
+    endpoint: str
+    title: LazyString
+    about: LazyString
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +40,7 @@ class Parts:
     # Parameters and bodies of routes that their schemas do not describe, by endpoint.
     operations: Mapping[str, Mapping[str, Any]]
     short_jobs: frozenset[str] = frozenset()  # Kinds of jobs that do not wait behind the others
+    account_pages: tuple[AccountPage, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,7 +57,7 @@ def any_late(session: Session, *, at_s: float) -> bool:
     return session.execute(_late(at_s).limit(1)).first() is not None
 
 
-def _late(at_s: float) -> Select[tuple[RobotHeard, Mission]]:
+def _late(at_s: float) -> Select[RobotHeard, Mission]:
     """Select the robots of running missions that are silent for too long, which is not noted yet."""
     noted = RobotHeard.silence_noted_s
     return (

@@ -49,5 +49,7 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("id", name="pk_event_delivery"),
         sqlite_autoincrement=True,
     )
-    op.create_index("ix_event_delivery_state_event_delivery_receiver_id", "event_delivery", ["state", "receiver_id"])
+    op.create_index(
+        "ix_event_delivery_state_event_delivery_receiver_id", "event_delivery", ["state", "receiver_id"]
+    )
     op.create_index("ix_event_delivery_receiver_id", "event_delivery", ["receiver_id"])
