@@ -76,6 +76,8 @@ def send(settings: MailSettings, message: EmailMessage, *, timeout_s: float) -> 
     except smtplib.SMTPRecipientsRefused as error:
         code = next((code for code, _ in error.recipients.values()), None)
         raise InputError(f"the mail server refuses the address{_said(code)}") from error
+    except (smtplib.SMTPConnectError, smtplib.SMTPHeloError) as error:
+        raise InputError(f"the mail server refuses the connection{_said(error.smtp_code)}") from error
     except smtplib.SMTPResponseException as error:
         raise InputError(f"the mail server refuses the message{_said(error.smtp_code)}") from error
     except smtplib.SMTPNotSupportedError as error:
