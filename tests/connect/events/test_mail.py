@@ -177,7 +177,8 @@ def test_a_wrong_password_is_a_clear_sentence(settings):
 def test_starttls_needs_a_certificate_that_is_trusted(settings, tmp_path, monkeypatch, trusted):
     if shutil.which("openssl") is None:
         pytest.skip("openssl is not installed")
-    words = "req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=localhost -addext subjectAltName=DNS:localhost"
+    name = "-subj /CN=localhost -addext subjectAltName=DNS:localhost"
+    words = f"req -x509 -newkey rsa:2048 -nodes -days 2 {name}"
     files = ["-keyout", tmp_path / "key", "-out", tmp_path / "certificate"]
     subprocess.run(["openssl", *words.split(), *files], check=True, capture_output=True)
     context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)

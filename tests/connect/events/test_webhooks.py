@@ -351,7 +351,7 @@ def test_limits_of_an_account(add, hook, client):
     answer = client.post(API, json={"kind": "webhook", "address": hook.url, "events": []})
     assert answer.json["error"]["message"] == "an account has at most 20 receivers"
     statuses = [client.post(f"{API}/{added[0]['id']}/test").status_code for _ in range(61)]
-    assert statuses == [202] * 60 + [429]
+    assert statuses == [204] * 60 + [429]
     assert len(client.get(API).json["messages"]) == 1, "one waits already"
 
 

@@ -154,11 +154,11 @@ def confirm(id: int, data: dict[str, str]) -> dict[str, Any]:
 
 
 @blueprint.post(f"/{_ID}/test")
-@blueprint.output({}, status_code=202)
-def test(id: int) -> dict[str, Any]:
+@blueprint.output({}, status_code=204)
+def test(id: int) -> str:
     """Have a test message sent now, or the code of an unconfirmed address again."""
     send_test(id)
-    return {}
+    return ""
 
 
 @blueprint.delete(f"/{_ID}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from webapp.configuration import load_settings
+from webapp.cli.library import library_settings
 from webapp.connect.events import mail
 
 
@@ -12,7 +12,7 @@ from webapp.connect.events import mail
 @click.argument("address", metavar="ADDRESS")
 def events(address: str) -> None:
     """Send a test message to ADDRESS by the settings for e-mail, and say what the mail server says."""
-    settings = load_settings()
+    settings = library_settings(None)
     to = mail.check_address(address)
     text = "This server can send e-mail.\n"
     message = mail.compose(settings.mail, to, subject="A test message of Experience Map", text=text)
