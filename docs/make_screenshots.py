@@ -31,7 +31,6 @@ from tests.browser.api import Api
 from tests.browser.app import App
 from tests.browser.ensure_browser import MISSING, find_browser
 from tests.browser.watch import BROWSER_OPTIONS
-from tests.connect.events.conftest import Hook
 from tests.ports import reserved_port
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon, MapPixel
@@ -339,6 +338,8 @@ def seen(drive: Round, places: list[LatLon]) -> list[dict[str, Any]]:
 @contextmanager
 def receiving() -> Iterator[dict[str, str]]:
     """Run a webhook and a mail server on this machine; yield the settings with which messages go there."""
+    from tests.connect.events.conftest import Hook  # that connection can be removed
+
     hook = Hook()
     with reserved_port() as port:
         mail = Controller(Sink(), hostname="127.0.0.1", port=port)

@@ -111,7 +111,7 @@ def about_map(record: MapRecord | None) -> dict[str, str] | None:
     return None if record is None else {"slug": record.slug, "name": record.name}
 
 
-def owns_map(session: Session, account: Account, map_id: int | None) -> bool:
+def owns_map(session: Session, account: Account, *, map_id: int | None) -> bool:
     """Return whether an account owns a map, or the whole library if there is no map."""
     if account.is_owner or map_id is None:
         return account.is_owner
@@ -127,7 +127,7 @@ def job_failed(session: Session, job: Job, *, error: Mapping[str, Any]) -> None:
     def concerns(account: Account) -> bool:
         if job.account_id is not None:
             return account.id == job.account_id
-        return owns_map(session, account, job.map_id)
+        return owns_map(session, account, map_id=job.map_id)
 
     record = None if job.map_id is None else session.get(MapRecord, job.map_id)
     facts = {"job": job.id, "kind": job.kind, "map": about_map(record), **error}

@@ -66,7 +66,7 @@ def create(
         session,
         outbox.SHARE_MADE,
         facts=facts,
-        concerns=lambda account: outbox.owns_map(session, account, record.id),
+        concerns=lambda account: outbox.owns_map(session, account, map_id=record.id),
     )
     return share, token
 

@@ -96,7 +96,7 @@ class EventReceivers(Schema):
 
 def _check(id: int) -> None:
     with library().database.read() as session:
-        receivers.find(session, account().id, id)
+        receivers.find(session, account().id, id=id)
 
 
 _own = authorized_by(_check)
@@ -136,7 +136,7 @@ def add(data: dict[str, Any]) -> dict[str, Any]:
 def change(id: int, data: dict[str, Any]) -> dict[str, Any]:
     """Choose which events a receiver gets."""
     with library().database.write() as session:
-        receiver = receivers.find(session, account().id, id)
+        receiver = receivers.find(session, account().id, id=id)
         receivers.choose(receiver, data["events"])
     return _receiver(receiver)
 
@@ -148,8 +148,8 @@ def change(id: int, data: dict[str, Any]) -> dict[str, Any]:
 def confirm(id: int, data: dict[str, str]) -> dict[str, Any]:
     """Confirm an e-mail address by the code that it has got."""
     with library().database.write() as session:
-        receiver = receivers.find(session, account().id, id)
-        receivers.confirm(library().inner, receiver, data["code"])
+        receiver = receivers.find(session, account().id, id=id)
+        receivers.confirm(library().inner, receiver, code=data["code"])
     return _receiver(receiver)
 
 
@@ -166,7 +166,7 @@ def test(id: int) -> str:
 def remove(id: int) -> str:
     """Remove a receiver, and what waits for it."""
     with library().database.write() as session:
-        session.delete(receivers.find(session, account().id, id))
+        session.delete(receivers.find(session, account().id, id=id))
     return ""
 
 
@@ -191,7 +191,7 @@ def send_test(id: int) -> None:
     """Have a test message sent, for page and API."""
     _count_test()
     with library().database.write() as session:
-        receivers.send_test(session, receivers.find(session, account().id, id))
+        receivers.send_test(session, receivers.find(session, account().id, id=id))
 
 
 def _count_test() -> None:

@@ -57,7 +57,7 @@ def choose(id: int) -> Response | tuple[str, int]:
     """Choose which events a receiver gets."""
     try:
         with library().database.write() as session:
-            receivers.choose(receivers.find(session, account().id, id), request.form.getlist("events"))
+            receivers.choose(receivers.find(session, account().id, id=id), request.form.getlist("events"))
     except ExpMapError as error:
         return _page(error), errors.status_of(error)
     flash(_("Saved."), "success")
@@ -69,7 +69,9 @@ def confirm(id: int) -> Response | tuple[str, int]:
     """Confirm an e-mail address."""
     try:
         with library().database.write() as session:
-            receivers.confirm(library().inner, receivers.find(session, account().id, id), text("code"))
+            receivers.confirm(
+                library().inner, receivers.find(session, account().id, id=id), code=text("code")
+            )
     except ExpMapError as error:
         return _page(error), errors.status_of(error)
     flash(_("The address is confirmed."), "success")
@@ -91,7 +93,7 @@ def test(id: int) -> Response | tuple[str, int]:
 def remove(id: int) -> Response:
     """Remove a receiver."""
     with library().database.write() as session:
-        session.delete(receivers.find(session, account().id, id))
+        session.delete(receivers.find(session, account().id, id=id))
     flash(_("Removed."), "success")
     return back("event_pages.show")
 

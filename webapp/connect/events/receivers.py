@@ -52,7 +52,7 @@ def list_receivers(session: Session, account_id: int) -> list[EventReceiver]:
     return list(session.scalars(mine.order_by(EventReceiver.id)))
 
 
-def find(session: Session, account_id: int, id: int) -> EventReceiver:
+def find(session: Session, account_id: int, *, id: int) -> EventReceiver:
     """Find a receiver of an account. Raises NotFound."""
     receiver = session.get(EventReceiver, id)
     if receiver is None or receiver.account_id != account_id:
@@ -95,7 +95,7 @@ def choose(receiver: EventReceiver, events: Sequence[str]) -> None:
     receiver.events = _checked(events)
 
 
-def confirm(inner: Path, receiver: EventReceiver, code: str) -> None:
+def confirm(inner: Path, receiver: EventReceiver, *, code: str) -> None:
     """Confirm an e-mail address by the code that it has got. Raises UsageError."""
     given = "".join(code.split()).upper()
     if not hmac.compare_digest(given.encode(), code_of(inner, receiver).encode()):
