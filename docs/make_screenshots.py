@@ -11,11 +11,15 @@ import csv
 import shutil
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from aiosmtpd.controller import Controller
+from aiosmtpd.handlers import Sink
 from PIL import Image
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
@@ -69,6 +73,7 @@ PAGES = {
     "mission": ("/missions/1", ("", "-phone")),
     "mission-import": ("/missions/1", ("",)),
     "mission-areas": ("/missions/3", ("",)),
+    "events": ("/account/events", ("",)),
 }
 SPOTS = {"kerb, east": 6, "kerb, north": 20, "kerb, west": 30, "manhole": 52}
 """Names of control points, and the photo in front of which each is on the ground."""
@@ -135,7 +140,8 @@ def main() -> None:
     with (
         tempfile.TemporaryDirectory() as folder,
         reserved_port() as port,
-        App(Path(folder) / "maps", port=port) as app,
+        receiving() as environ,
+        App(Path(folder) / "maps", port=port, environ=environ) as app,
         sync_playwright() as p,
     ):
         chromium = p.chromium.launch(executable_path=browser, args=list(BROWSER_OPTIONS))
@@ -149,6 +155,7 @@ def main() -> None:
         import_areas(api, app.library / "sample", scratch=Path(folder) / "areas")
         make_panoramas(api, app.library / "sample", scratch=Path(folder) / "survey")
         make_floors(api, app.library / "sample")
+        choose_events(api, environ)
         time.sleep(65)  # as long as pages show jobs that have ended
         for name, (path, looks) in PAGES.items():
             for look in looks:
@@ -326,6 +333,37 @@ def seen(drive: Round, places: list[LatLon]) -> list[dict[str, Any]]:
         for name, kind, number, sure in SEEN
         for n in range(2)
     ]
+
+
+@contextmanager
+def receiving() -> Iterator[dict[str, str]]:
+    """Run a webhook and a mail server on this machine; yield the settings with which messages go there."""
+    from tests.connect.events.conftest import Hook  # that connection can be removed
+
+    hook = Hook()
+    with reserved_port() as port:
+        mail = Controller(Sink(), hostname="127.0.0.1", port=port)
+        mail.start()
+        yield {
+            "EXPMAP_EVENTS_PRIVATE_HOSTS": "127.0.0.1",
+            "EXPMAP_MAIL_HOST": "127.0.0.1",
+            "EXPMAP_MAIL_PORT": str(port),
+            "EXPMAP_MAIL_SECURITY": "none",
+            "EXPMAP_MAIL_SENDER": "maps@example.org",
+            "HOOK": hook.url.replace("/hook", "/alarm"),
+        }
+        mail.stop()
+        hook.close()
+
+
+def choose_events(api: Api, environ: dict[str, str]) -> None:
+    """Add a webhook, with a message that was sent, and an address that is not confirmed yet."""
+    hook = {"kind": "webhook", "address": environ["HOOK"], "events": ["robot.silent", "robot.heard"]}
+    receiver = api.ask("POST", "/account/events", data=hook)["id"]
+    api.ask("POST", f"/account/events/{receiver}/test")
+    mail = {"kind": "mail", "address": "alarm@example.org", "events": ["robot.silent", "job.failed"]}
+    api.ask("POST", "/account/events", data=mail)
+    time.sleep(5)
 
 
 def shoot(browser: Browser, app: App, cookies: Any, *, path: str, name: str, look: dict[str, Any]) -> None:

@@ -32,6 +32,7 @@ DOMAINS = ("messages", "scripts")
 _PAGES = {
     "webapp/web": [("**.py", "python")],
     "webapp/missions/web": [("**.py", "python")],
+    "webapp/connect": [("**.py", "python")],
     "templates": [("**.html", "jinja2")],
 }
 _SCRIPTS = {"static/js": [("**.js", "javascript")]}
@@ -48,9 +49,9 @@ _CHANGING = ("POT-Cre", "PO-Rev", "Generated", "Project-Id", "Report-Msg", "Last
 
 _NO_DATE = datetime(1970, 1, 1, tzinfo=UTC)
 
-_WITH_ERRORS = {"decode.py", "store", "tasks", "web"}
-"""Layers, here and in the missions wing, and the module that reads images: their errors are translated when
-they are shown."""
+_WITH_ERRORS = {"decode.py", "events", "store", "tasks", "web"}
+"""Layers, here and in the missions wing, the module that reads images, and a connection: their errors are
+translated when they are shown."""
 
 _IN_JOBS = {"jobs", "jobs.py", "sample", "tasks"}
 """Where work of jobs says what it is doing; maintenance of the library from the command line does not."""

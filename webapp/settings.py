@@ -322,6 +322,46 @@ class MissionSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class EventSettings:
+    """Messages on events, by webhooks and e-mail."""
+
+    site: str | None = None
+    """Address of this server, such as `https://maps.example.org`, for links in messages; none: no links."""
+
+    private_hosts: str | None = None
+    """Hosts and networks that webhooks may go to although they are private, separated by commas."""
+
+    timeout_s: float = 10.0
+    """Seconds without a response after which a try fails; a whole try takes at most four times as long."""
+
+    give_up_h: float = 24.0
+    """Hours after which an event that cannot be delivered is given up."""
+
+
+@dataclass(frozen=True, slots=True)
+class MailSettings:
+    """The server that e-mail is sent by."""
+
+    host: str | None = None
+    """Name of an SMTP server; none: no e-mail."""
+
+    port: Annotated[int, AtLeast(0)] = 0
+    """Its port; 0: the usual one, 587 with STARTTLS, 465 with TLS, 25 without."""
+
+    security: str = "starttls"
+    """`starttls`, `tls`, or `none` for a server on this machine."""
+
+    user: str | None = None
+    """Name to sign in with; none: no sign-in."""
+
+    password: str | None = None
+    """Its password."""
+
+    sender: str | None = None
+    """Address that messages come from."""
+
+
+@dataclass(frozen=True, slots=True)
 class Settings:
     """All settings of one run."""
 
@@ -340,6 +380,8 @@ class Settings:
     geocoder: GeocoderSettings = field(default_factory=GeocoderSettings)
     street: StreetSettings = field(default_factory=StreetSettings)
     missions: MissionSettings = field(default_factory=MissionSettings)
+    events: EventSettings = field(default_factory=EventSettings)
+    mail: MailSettings = field(default_factory=MailSettings)
     library: Path = Path("maps")
     """Folder of the maps."""
 

@@ -23,7 +23,7 @@ def end_of_threads(library):
     """Wait for threads of a worker in this process before the library is closed."""
     yield
     for thread in threading.enumerate():
-        if thread.name in ("export", "store"):
+        if thread.name in ("export", "store", "watch"):
             thread.join(60)
             assert not thread.is_alive()
 

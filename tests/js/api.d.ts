@@ -597,6 +597,50 @@ export interface components {
              */
             limit: number | null;
         };
+        EventCodeIn: {
+            code: string;
+        };
+        EventMessageOut: {
+            at?: string;
+            /** @description Why the last try failed. */
+            error?: string | null;
+            /** @description The same for all receivers and all tries. */
+            id?: string;
+            /** @description Id. */
+            receiver?: number;
+            /** @enum {string} */
+            state?: "waiting" | "sent" | "given up";
+            tries?: number;
+            type?: string;
+        };
+        EventReceiverChange: {
+            events: ("robot.silent" | "robot.heard" | "job.failed" | "share.made" | "share.invited")[];
+        };
+        EventReceiverIn: {
+            /** @description URL of the webhook, or e-mail address. */
+            address: string;
+            events: ("robot.silent" | "robot.heard" | "job.failed" | "share.made" | "share.invited")[];
+            /** @enum {string} */
+            kind: "webhook" | "mail";
+        };
+        EventReceiverOut: {
+            address?: string;
+            /** @description Whether it gets events: an e-mail address is confirmed first. */
+            confirmed?: boolean;
+            created_at?: string;
+            events?: string[];
+            /** @description Failed tries in a row. */
+            failures?: number;
+            id?: number;
+            /** @enum {string} */
+            kind?: "webhook" | "mail";
+        };
+        EventReceivers: {
+            /** @description Whether this server sends e-mail. */
+            mail?: boolean;
+            messages?: components["schemas"]["EventMessageOut"][];
+            receivers?: components["schemas"]["EventReceiverOut"][];
+        };
         ExportIn: {
             /** @enum {string} */
             format: "zip" | "geojson" | "kml" | "kmz" | "html" | "exif" | "xmp" | "csv";
@@ -1446,6 +1490,20 @@ export interface components {
             radius_m?: number;
             /** @description Whether the area has been searched, as somebody says. */
             searched?: boolean;
+        };
+        NewEventReceiver: {
+            address?: string;
+            /** @description Whether it gets events: an e-mail address is confirmed first. */
+            confirmed?: boolean;
+            created_at?: string;
+            events?: string[];
+            /** @description Failed tries in a row. */
+            failures?: number;
+            id?: number;
+            /** @enum {string} */
+            kind?: "webhook" | "mail";
+            /** @description Signs what a webhook gets: it is in this answer and nowhere else. */
+            secret?: string | null;
         };
         NewFloorIn: {
             /** @default 0 */

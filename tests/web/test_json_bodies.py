@@ -22,6 +22,7 @@ REFUSED = {400, 413, 422}
 NO_RIGHT_NEEDED = {
     "api_account.change",
     "api_account.new_token",
+    "api_account_events.add",
     "api_exchange.import_zip",
     "api_find.find",
     "api_missions.create",
@@ -95,13 +96,16 @@ def addresses(app, library, owner, client, park):
     )
     shape = {"kind": "marker", "name": "A", "points": [[50.0, 14.0]]}
     drawing = client.post(f"/api/v1/missions/{mission_id}/drawings", json=shape).json["id"]
+    hook = {"kind": "webhook", "address": "https://example.org/hook", "events": []}
+    receiver = client.post("/api/v1/account/events", json=hook).json["id"]
     values = {"slug": park, "mission_id": mission_id, "file_id": file_id, "token": token}
     values |= {"id": 1, "name": "a", "object_id": "a", "drawing_id": drawing, "track_id": track_id}
     adapter = app.url_map.bind("")
     found = {}
     for rule, method, _, _ in rules_with_body(app):
         tokens = {"token": phone} if rule.endpoint.startswith("api_phone_positions") else {}
-        given = {name: (values | tokens)[name] for name in rule.arguments}
+        own = {"id": receiver} if rule.endpoint.startswith("api_account_events") else {}
+        given = {name: (values | tokens | own)[name] for name in rule.arguments}
         found[rule.endpoint] = adapter.build(rule.endpoint, given, method=method)
     return found
 

@@ -30,6 +30,7 @@ from webapp.store import queries
 from webapp.store.accounts import accounts
 from webapp.store.maps import maps
 from webapp.store.operate import jobs
+from webapp.store.outbox import EventReceiver
 from webapp.store.schema import MapRecord, Photo, QueryRecord
 from webapp.tasks.maps import adopt_map
 from webapp.web.maps.schemas import MapChanges, MapState
@@ -158,6 +159,11 @@ def fresh(library, owner, make_map, add_mission):
             session.flush()
             photos = [0, 1]
             ids = {"photos": photos, "experiences": photos, "queries": [row.id], "uploads": [upload.id]}
+            hook = {"kind": "webhook", "address": "https://example.org/", "events": [], "salt": "0"}
+            receiver = EventReceiver(account_id=owner.id, **hook)
+            session.add(receiver)
+            session.flush()
+            ids |= {"events": [receiver.id]}
             ids |= {"jobs": [job.id], "placements": ["other"], "members": [owner.id], "accounts": [owner.id]}
         ids |= add_mission(map_id)
         ids["collection"] = [f"map-{slug}-photos", f"mission-{ids['mission_id'][0]}-tracks"]

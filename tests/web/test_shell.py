@@ -13,9 +13,9 @@ from tests.pages import addresses
 from webapp import errors as own_errors
 from webapp.app.web import create_app
 from webapp.settings import WebSettings
+from webapp.store.accounts.secret_key import secret_key
 from webapp.store.library import open_library
 from webapp.store.maps import maps
-from webapp.web.accounts.security import secret_key
 from webapp.web.counting import CountingStorage
 from webapp.web.errors import status_of
 from webapp.web.language import LANGUAGES

@@ -6,11 +6,14 @@ import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
 
+from webapp.connect import connections
+from webapp.importing import import_name
 from webapp.jobs import kinds
 from webapp.jobs.kinds import JobRegistry, Kind
 from webapp.missions.store import missions
 from webapp.missions.tasks import delete as delete_mission
 from webapp.missions.tasks import fuse, thin_tracks
+from webapp.missions.tasks.silences import note_silences
 from webapp.store.library import Library
 from webapp.store.operate.snapshot import PartContents
 from webapp.tasks.operate.backup import LibraryPart
@@ -29,9 +32,17 @@ _KINDS = {
 }
 """The kinds by their names."""
 
+_CONNECTED: tuple[JobRegistry, ...] = tuple(
+    import_name(found.jobs) for found in connections().values() if found.jobs is not None
+)
+
 REGISTRY = JobRegistry(
-    kinds=_KINDS,
-    sweeps=(delete_mission.sweep, thin_tracks.sweep, queue_second_looks),
+    kinds={**_KINDS, **{name: kind for part in _CONNECTED for name, kind in part.kinds.items()}},
+    sweeps=(
+        *(delete_mission.sweep, thin_tracks.sweep, queue_second_looks),
+        *(sweep for part in _CONNECTED for sweep in part.sweeps),
+    ),
+    watches=(note_silences, *(watch for part in _CONNECTED for watch in part.watches)),
 )
 
 

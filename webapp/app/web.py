@@ -155,6 +155,7 @@ WEB_PARTS = Parts(
         kind: tuple(link for part in CONNECTED for link in part.exports.get(kind, ()))
         for kind in ("map", "mission")
     },
+    account_pages=tuple(page for part in CONNECTED for page in part.account_pages),
 )
 
 

@@ -8,7 +8,7 @@ import click
 
 from webapp.configuration import Effective, effective_settings
 
-_SECRET = {"database", "serve.metrics_token", "token", "street.mapillary_token"}
+_SECRET = {"database", "serve.metrics_token", "token", "street.mapillary_token", "mail.password"}
 
 
 @click.command()

@@ -9,13 +9,14 @@ from webapp.importing import import_name
 
 
 class Registration(NamedTuple):
-    """What a folder contributes: a command `expmap connect NAME`, NAME being the folder's; and routes."""
+    """What a folder contributes: a command `expmap connect NAME`, NAME being the folder's; routes; jobs."""
 
     command: str  # "module:object"
     summary: str  # First sentence of its help
     web: str | None = (
         None  # "module:object" of the `webapp.web.state.Parts` that it adds to the web application
     )
+    jobs: str | None = None  # "module:object" of the `webapp.jobs.kinds.JobRegistry` that it adds
 
 
 def connections() -> dict[str, Registration]:

@@ -21,7 +21,7 @@ Function = Callable[[Context], Mapping[str, Any] | None]
 """Does a job and returns its result, as JSON values."""
 
 Sweep = Callable[[Library, Settings], object]
-"""Deletes leftovers of interrupted work, or queues jobs that are due."""
+"""Deletes leftovers of interrupted work, or looks for what is due and queues its jobs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +54,7 @@ class JobRegistry:
 
     kinds: Mapping[str, Kind]  # By their names
     sweeps: tuple[Sweep, ...] = ()  # Run periodically, in addition to those of maps
+    watches: tuple[Sweep, ...] = ()  # Run every second or so: they look what is due, and are quick
 
     def short(self) -> frozenset[str]:
         return frozenset(name for name, kind in self.kinds.items() if kind.short)

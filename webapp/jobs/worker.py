@@ -53,6 +53,7 @@ _TICK_S = 0.25
 """Interval at which changed progress is recorded."""
 
 _IDLE_S = 0.5
+_WATCH_S = 1.0
 _CLEAN_S = 3600.0
 _DATABASE_PAUSE_S = 1.0
 _EXPORT_PAUSE_S = 5.0
@@ -103,6 +104,7 @@ class Worker:
         if tends:
             exporter.start()
             threading.Thread(target=self._store, name="store", daemon=True).start()
+            threading.Thread(target=self._watch, name="watch", daemon=True).start()
         try:
             while not self._stops():
                 try:
@@ -134,6 +136,7 @@ class Worker:
             self._clean()
         if once:
             export_late_maps(self._library)
+            self._look()
         job = self._next(early=once)
         error = None if job is None else self._do(job, yields=not once)
         if once and isinstance(error, _PASSING):
@@ -173,6 +176,20 @@ class Worker:
             except Exception:  # noqa: BLE001 - the thread must outlive an error in one export
                 _log.exception("the maps' files could not be brought up to date")
                 written = False
+
+    def _watch(self) -> None:
+        """Look for what is due, even during long jobs."""
+        while not self._ended.wait(_WATCH_S):
+            self._look()
+
+    def _look(self) -> None:
+        for watch in self._registry.watches:
+            try:
+                watch(self._library, self._settings)
+            except (ExpMapError, OSError) as error:
+                _log.warning("what is due could not be looked for: %s", error)
+            except Exception:  # noqa: BLE001 - the thread must outlive an error in one round
+                _log.exception("what is due could not be looked for")
 
     def _store(self) -> None:
         """Maintain the object storage in the background; a stopping worker does not wait for it."""

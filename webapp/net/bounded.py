@@ -81,17 +81,26 @@ def answering(
     Raises:
         requests.RequestException: There is no answer, or it exceeds the limits.
     """
-    token = _most_bytes.set(most_bytes)
-    try:
-        with session.get(
+    with (
+        bounded(most_bytes),
+        session.get(
             address,
             headers=headers,
             params=params,
             timeout=timeout_s,
             stream=True,
             allow_redirects=False,
-        ) as answer:
-            yield answer
+        ) as answer,
+    ):
+        yield answer
+
+
+@contextmanager
+def bounded(most_bytes: int) -> Iterator[None]:
+    """Limit the answers to requests of the block: their time, and their body to some bytes."""
+    token = _most_bytes.set(most_bytes)
+    try:
+        yield
     finally:
         _most_bytes.reset(token)
 
@@ -157,20 +166,20 @@ class _BoundedResponse(HTTPResponse):
         self._bounded.in_body = True
 
 
-class _Connection(HTTPConnection):
+class BoundedConnection(HTTPConnection):
     response_class = _BoundedResponse
 
 
-class _SecureConnection(HTTPSConnection):
+class BoundedSecureConnection(HTTPSConnection):
     response_class = _BoundedResponse
 
 
 class _Pool(HTTPConnectionPool):
-    ConnectionCls = _Connection
+    ConnectionCls = BoundedConnection
 
 
 class _SecurePool(HTTPSConnectionPool):
-    ConnectionCls = _SecureConnection
+    ConnectionCls = BoundedSecureConnection
 
 
 _POOLS = {"http": _Pool, "https": _SecurePool}

@@ -48,7 +48,7 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "results",
         "compatibility",
     ),
-    "Operating": ("operating", "monitoring", "cluster", "s3", "dask"),
+    "Operating": ("operating", "monitoring", "events", "cluster", "s3", "dask"),
 }
 """Chapters of the manual in their order, by part: names of the files in `docs/`, without extension."""
 

@@ -14,7 +14,7 @@ from sqlalchemy import ColumnElement, select
 from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound
-from webapp.store import queries
+from webapp.store import outbox, queries
 from webapp.store.accounts.accounts import hashed
 from webapp.store.schema import Account, Base, MapRecord, QueryRecord, Share, ShareColumns
 
@@ -55,7 +55,20 @@ def create(
         queries.find(session, record, query_id)
     share = Share(map_id=record.id, query_id=query_id, account_id=account_id)
     change(share, allows)
-    return share, open_link(session, share, public=public)
+    token = open_link(session, share, public=public)
+    facts = {
+        "map": outbox.about_map(record),
+        "answer": query_id,
+        "public": public,
+        "by": creator_of(session, share),
+    }
+    outbox.emit(
+        session,
+        outbox.SHARE_MADE,
+        facts=facts,
+        concerns=lambda account: outbox.owns_map(session, account, map_id=record.id),
+    )
+    return share, token
 
 
 def change(share: Share, allows: SharePermissions) -> None:

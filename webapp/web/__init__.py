@@ -15,6 +15,7 @@ from webapp.core.mapmodel.checks import MAX_NUMBER
 from webapp.errors import UsageError
 from webapp.resources import resource_folder
 from webapp.settings import Settings
+from webapp.store.accounts.secret_key import secret_key
 from webapp.store.library import Library, open_library
 from webapp.tasks.operate.open_storage import open_storage
 from webapp.web import (
@@ -29,7 +30,6 @@ from webapp.web import (
     static_files,
 )
 from webapp.web.accounts import security, sessions
-from webapp.web.accounts.security import secret_key
 from webapp.web.operate import metrics
 from webapp.web.state import KEY, AppState, Parts
 

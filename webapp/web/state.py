@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple, cast
 
 from flask import Blueprint, current_app
+from flask_babel import LazyString
 from sqlalchemy.orm import Session
 
 from webapp.settings import Settings
@@ -26,6 +27,14 @@ class ExportLink(NamedTuple):
     label: str  # The same in all languages
 
 
+class AccountPage(NamedTuple):
+    """A page that the account page links to."""
+
+    endpoint: str
+    title: LazyString
+    about: LazyString
+
+
 @dataclass(frozen=True, slots=True)
 class Parts:
     """The parts of which the application is composed."""
@@ -40,6 +49,7 @@ class Parts:
     short_jobs: frozenset[str] = frozenset()  # Kinds of jobs that do not wait behind the others
     # Entries of the export menus of a "map" and a "mission", after those of the program itself.
     exports: Mapping[str, tuple[ExportLink, ...]] = field(default_factory=dict)
+    account_pages: tuple[AccountPage, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -177,6 +177,7 @@ export function kindName(kind) {
     "mission-import": t("Importing tracks"),
     "mission-inspect": t("Reading a file with tracks"),
     "mission-pieces": t("Long tracks for display"),
+    events: t("Notifications"),
     "mission-thin": t("Thinning old tracks"),
   };
   return names[kind] || sentence(kind.replaceAll(/[-_.]/g, " "));

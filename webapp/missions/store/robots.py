@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from sqlalchemy import select
+from sqlalchemy import Select, or_, select
 from sqlalchemy.orm import Session
 
 from webapp.missions.core.trajectory.batch import Status
+from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission, RobotHeard, RobotReport, RobotSilence
+from webapp.store import outbox
 
 MOST_SILENCES = 200
 """Maximum number of silences in one response."""
@@ -37,7 +39,55 @@ def hear(session: Session, mission: Mission, *, names: Iterable[str], at_s: floa
         if mission.silent_after_s is not None and at_s - known.time_s > mission.silent_after_s:
             since = RobotSilence(mission_id=mission.id, robot=name, since_s=known.time_s, until_s=at_s)
             session.add(since)
+            _emit(session, mission, outbox.ROBOT_HEARD, heard=known, until_s=at_s)
         known.time_s = max(known.time_s, at_s)
+
+
+def note_silences(session: Session, *, at_s: float) -> int:
+    """Note which robots have become silent, each once, as an event; return their number."""
+    late = list(session.execute(_late(at_s)))
+    for heard, mission in late:
+        heard.silence_noted_s = heard.time_s
+        _emit(session, mission, outbox.ROBOT_SILENT, heard=heard)
+    return len(late)
+
+
+def any_late(session: Session, *, at_s: float) -> bool:
+    """Return whether `note_silences` has something to note."""
+    return session.execute(_late(at_s).limit(1)).first() is not None
+
+
+def _late(at_s: float) -> Select[RobotHeard, Mission]:
+    """Select the robots of running missions that are silent for too long, which is not noted yet."""
+    noted = RobotHeard.silence_noted_s
+    return (
+        select(RobotHeard, Mission)
+        .join(Mission, Mission.id == RobotHeard.mission_id)
+        .where(
+            Mission.silent_after_s.is_not(None),
+            Mission.ended_at.is_(None),
+            Mission.binned_at.is_(None),
+            RobotHeard.time_s + Mission.silent_after_s < at_s,
+            or_(noted.is_(None), noted < RobotHeard.time_s),
+        )
+    )
+
+
+def _emit(
+    session: Session, mission: Mission, event: str, *, heard: RobotHeard, until_s: float | None = None
+) -> None:
+    facts = {
+        "mission": {"id": mission.id, "name": mission.name},
+        "robot": heard.robot,
+        "silent_since_s": heard.time_s,
+        **({} if until_s is None else {"heard_s": until_s}),
+    }
+    outbox.emit(
+        session,
+        event,
+        facts=facts,
+        concerns=lambda account: missions.role_of(session, mission, account=account) is not None,
+    )
 
 
 def add_statuses(session: Session, mission_id: int, *, found: Sequence[Status]) -> None:

@@ -292,6 +292,8 @@ class RobotHeard(Base):
     robot: Mapped[str] = mapped_column(primary_key=True)
     """Name of its tracks, perhaps empty."""
     time_s: Mapped[float]
+    silence_noted_s: Mapped[float | None]
+    """The `time_s` since which it is silent, once that is noted; None, or an earlier time: it is not."""
 
 
 class RobotReport(Base):

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission, MissionShare
-from webapp.store import sharing
+from webapp.store import outbox, sharing
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +25,15 @@ def create(
 ) -> tuple[MissionShare, str]:
     """Share a mission, with or without photos; return the share, and the token from `open_link`."""
     share = MissionShare(mission_id=mission.id, account_id=account_id, photos=photos)
-    return share, sharing.open_link(session, share, public=public)
+    token = sharing.open_link(session, share, public=public)
+    by = sharing.creator_of(session, share)
+    outbox.emit(
+        session,
+        outbox.SHARE_MADE,
+        facts={"mission": {"id": mission.id, "name": mission.name}, "public": public, "by": by},
+        concerns=lambda account: missions.role_of(session, mission, account=account) == "owner",
+    )
+    return share, token
 
 
 def list_shares(session: Session, mission: Mission) -> list[MissionShare]:

@@ -11,6 +11,7 @@ from sqlalchemy.orm import Session
 
 from webapp.core import texts
 from webapp.errors import Conflict, NotFound, UsageError
+from webapp.store import outbox
 from webapp.store.clock import now
 from webapp.store.maps.maps import ROLES, Role
 from webapp.store.schema import Account, ApiToken, MapRecord, Member
@@ -159,6 +160,12 @@ def set_member_role(session: Session, record: MapRecord, *, account: Account, ro
     member = session.get(Member, (record.id, account.id))
     if member is None:
         session.add(Member(map_id=record.id, account_id=account.id, role=role))
+        outbox.emit(
+            session,
+            outbox.SHARE_INVITED,
+            facts={"map": outbox.about_map(record), "role": role},
+            concerns=lambda other: other.id == account.id,
+        )
         return
     if role != "owner":
         _keep_an_owner(session, member)

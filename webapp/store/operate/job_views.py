@@ -13,6 +13,7 @@ from sqlalchemy.orm import Session, aliased
 
 from webapp.store.database import moment
 from webapp.store.operate.jobs import ENDED, LIVE
+from webapp.store.outbox import DELIVERY_JOB
 from webapp.store.schema import Account, Edit, Job, MapRecord
 
 TILES_JOB = "satellite-tiles"
@@ -76,6 +77,7 @@ def recent(session: Session, *, map_ids: Select[Any], account: Account) -> list[
     shown = (
         or_(Job.map_id.in_(map_ids), theirs),
         Job.id.in_(_not_ended_before(moment(session) - _RECENT)),
+        Job.kind != DELIVERY_JOB,  # their accounts see each message on a page of their own
     )
     found = select(Job).where(*shown).order_by(Job.state.in_(ENDED), Job.id.desc()).limit(_MOST_RECENT)
     return list(session.scalars(found))

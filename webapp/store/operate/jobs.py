@@ -23,6 +23,7 @@ from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session, aliased
 
 from webapp.errors import Conflict, NotFound
+from webapp.store import outbox
 from webapp.store.database import moment
 from webapp.store.schema import Job, MapRecord
 
@@ -429,6 +430,8 @@ def _end(session: Session, job: Job, state: str, *, error: dict[str, Any] | None
     job.done = job.total if state == "done" else min(job.done, job.total - 1)
     job.state, job.error, job.ended_at = state, error, moment(session)
     job.leased_by = job.leased_until = None
+    if state == "failed":
+        outbox.job_failed(session, job, error=error or {})
 
 
 def _died(job: Job) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from webapp.web.accounts import sessions
 from webapp.web.context import account, library, public, settings
 from webapp.web.language import LANGUAGES
 from webapp.web.pages import back, own_path, page, text
+from webapp.web.state import parts
 
 account_pages = Blueprint("account_pages", __name__)
 
@@ -138,6 +139,7 @@ def _page(error: ExpMapError | None = None, *, token: str | None = None) -> str:
         tokens=tokens,
         browsers=[(row, sessions.is_this_browser(row)) for row in browsers],
         minimum=settings().web.min_password,
+        more=parts().account_pages,
     )
 
 

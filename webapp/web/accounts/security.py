@@ -4,26 +4,18 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import os
-import secrets
-from pathlib import Path
 from typing import Any
 
-from filelock import FileLock
 from flask import Flask, Response, current_app, g, has_request_context, request, session
 from flask.sessions import SecureCookieSessionInterface
 from flask_limiter import Limiter
 from flask_wtf.csrf import CSRFError, CSRFProtect, validate_csrf
 from itsdangerous import SignatureExpired, TimestampSigner, URLSafeTimedSerializer
 
-from webapp.errors import StorageError
 from webapp.web import context
 from webapp.web.accounts.sessions import bearer, is_api
 from webapp.web.counting import storage_address
 from webapp.web.state import KEY, settings
-
-_NAME = "secret-key"
-_BYTES = 32
 
 _PAGE_FORM_BYTES = 1_000_000
 """Limit of the forms of pages; files are sent to the API."""
@@ -168,38 +160,3 @@ def _policy() -> str:
         "form-action 'self'",
     )
     return "; ".join(rules)
-
-
-def secret_key(folder: Path) -> str:
-    """Read the secret key, or make one if there is none; all worker processes get the same.
-
-    Returns:
-        64 hexadecimal digits.
-    """
-    path = folder / _NAME
-    try:
-        with FileLock(folder / f"{_NAME}.lock"):
-            if not path.exists():
-                _write(path, secrets.token_hex(_BYTES))
-        key = path.read_text("ascii")
-    except (OSError, UnicodeDecodeError) as error:
-        raise StorageError(f"the secret key cannot be kept: {error}", where=str(path)) from error
-    if len(key) != 2 * _BYTES:
-        raise StorageError(
-            "this is not a valid secret key",
-            where=str(path),
-            hint="delete it: everybody has to sign in again",
-        )
-    return key
-
-
-def _write(path: Path, key: str) -> None:
-    """Write the file atomically, readable only by its owner from the start."""
-    temporary = path.with_name(f".{_NAME}.{os.getpid()}.tmp")
-    temporary.unlink(missing_ok=True)
-    handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    with os.fdopen(handle, "w", encoding="ascii") as file:
-        file.write(key)
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(path)
