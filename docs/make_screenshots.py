@@ -37,6 +37,7 @@ from webapp.core.geo.types import LatLon, MapPixel
 from webapp.core.mapmodel.model import Map
 from webapp.core.mapmodel.panorama import band
 from webapp.files.maps.folder import read_map
+from webapp.importing import import_name
 
 PICTURES = Path(__file__).resolve().parent / "pictures"
 WIDE = {"viewport": {"width": 1280, "height": 800}}
@@ -338,9 +339,7 @@ def seen(drive: Round, places: list[LatLon]) -> list[dict[str, Any]]:
 @contextmanager
 def receiving() -> Iterator[dict[str, str]]:
     """Run a webhook and a mail server on this machine; yield the settings with which messages go there."""
-    from tests.connect.events.conftest import Hook  # that connection can be removed
-
-    hook = Hook()
+    hook: Any = import_name("tests.connect.events.conftest:Hook")()  # that connection can be removed
     with reserved_port() as port:
         mail = Controller(Sink(), hostname="127.0.0.1", port=port)
         mail.start()
