@@ -32,6 +32,7 @@ DOMAINS = ("messages", "scripts")
 _PAGES = {
     "webapp/web": [("**.py", "python")],
     "webapp/missions/web": [("**.py", "python")],
+    "webapp/missions/render": [("report.py", "python")],
     "templates": [("**.html", "jinja2")],
 }
 _SCRIPTS = {"static/js": [("**.js", "javascript")]}
