@@ -33,6 +33,7 @@ _PAGES = {
     "webapp/web": [("**.py", "python")],
     "webapp/missions/web": [("**.py", "python")],
     "webapp/connect": [("**.py", "python")],
+    "webapp/missions/render": [("report.py", "python")],
     "templates": [("**.html", "jinja2")],
 }
 _SCRIPTS = {"static/js": [("**.js", "javascript")]}

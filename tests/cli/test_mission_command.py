@@ -53,6 +53,16 @@ def test_from_a_file_to_a_file(mission, tmp_path):
     assert (tmp_path / "out.geojson").read_text().startswith("{")
     assert mission("export", "1", tmp_path / "yard-objects.csv")[0] == 0
     assert "waypoint" in (tmp_path / "yard-objects.csv").read_text()
+    code, out, err = mission(
+        "export", "1", tmp_path / "report.html", "--language", "de", "--zone", "Asia/Tokyo"
+    )
+    assert (code, out) == (0, f"{tmp_path / 'report.html'}\n"), err
+    text = (tmp_path / "report.html").read_text("utf-8")
+    assert "Missionsbericht" in text and "Asia/Tokyo" in text and "UTC+09:00" in text
+    assert mission("export", "1", tmp_path / "yard.html")[0] == 0
+    assert "leaflet" in (tmp_path / "yard.html").read_text("utf-8")
+    assert mission("export", "1", tmp_path / "yard-report.pdf")[0] == 0
+    assert (tmp_path / "yard-report.pdf").read_bytes().startswith(b"%PDF")
 
 
 def test_a_trajectory_continues_from_a_start_of_its_own(mission, tmp_path):
@@ -72,6 +82,7 @@ def test_a_trajectory_continues_from_a_start_of_its_own(mission, tmp_path):
     [
         (("export", "7", "out.kml"), "mission not found"),
         (("export", "1", "out.doc"), "the format cannot be inferred from the file name"),
+        (("export", "1", "report.pdf", "--zone", "Mars/Base"), "there is no time zone 'Mars/Base'"),
         (("import", "9", "."), "the folder is not a ROS 2 bag"),
         (("new", "Yard", "--start", "50,14"), "write latitude, longitude and heading"),
         (("new", "Yard", "--start", "95,14,0"), "not a valid position"),

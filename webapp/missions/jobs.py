@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, replace
+from functools import partial
 from typing import Any
 
 from sqlalchemy.orm import Session
 
-from webapp.errors import Conflict, IndexDamaged, InputError, NotFound, NotReady, UsageError
+from webapp.errors import Cancelled, Conflict, IndexDamaged, InputError, NotFound, NotReady, UsageError
 from webapp.files.gate import budget_for
 from webapp.jobs import map_jobs
 from webapp.jobs.context import Context
@@ -24,6 +26,7 @@ from webapp.missions.tasks import (
 from webapp.missions.tasks.import_file import MissionToMake
 from webapp.missions.tasks.import_order import order_of, waiting_path
 from webapp.store.operate import jobs
+from webapp.store.schema import Job
 from webapp.tasks.localize.map_cache import MapCache
 
 _LISTED = 100
@@ -106,11 +109,20 @@ def fuse_mission(context: Context) -> dict[str, Any]:
     report = fuse.fuse_mission(
         context.library,
         int(arguments["mission"]),
-        write=context.write,
+        write=partial(_write_unless_cancelled, context),
         progress=context.progress,
         odometry=arguments.get("odometry"),
     )
     return {**report, "gated": report["gated"][:_LISTED]}
+
+
+@contextmanager
+def _write_unless_cancelled(context: Context) -> Iterator[Session]:
+    """Open a write transaction of a job, unless somebody has cancelled it and does not expect its result."""
+    with context.write() as session:
+        if session.get_one(Job, context.lease.job_id).cancel_wanted:
+            raise Cancelled("stopped; what was finished is kept")
+        yield session
 
 
 def build_track_pieces(context: Context) -> dict[str, Any]:

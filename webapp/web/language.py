@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gettext as gnu_gettext
-from pathlib import Path
 from typing import Any
 
 from babel import Locale
@@ -11,9 +10,9 @@ from flask import Flask, request, session
 from flask_babel import Babel, get_locale, gettext, lazy_gettext
 
 from webapp.errors import NotSignedIn
+from webapp.render.language import LANGUAGES as CODES
+from webapp.render.language import TRANSLATIONS
 from webapp.web.accounts import sessions
-
-TRANSLATIONS = Path(__file__).parent / "translations"
 
 _COUNTED = 200
 """Numbers below this use all plural forms of European languages."""
@@ -24,9 +23,7 @@ def _own_name(code: str) -> str:
     return name[:1].upper() + name[1:]
 
 
-_TRANSLATED = sorted(path.parent.name for path in TRANSLATIONS.glob("*/LC_MESSAGES"))
-
-LANGUAGES = {code: _own_name(code) for code in ("en", *_TRANSLATED)}
+LANGUAGES = {code: _own_name(code) for code in CODES}
 """Codes of English and of all translations, with the languages' own names."""
 
 

@@ -20,6 +20,7 @@ import { otherMissions } from "./other-missions.js";
 import { showPhotos } from "./photos.js";
 import { Player } from "./player.js";
 import { Profile } from "./profile.js";
+import { connectReportLinks } from "./report-links.js";
 import { showRobots } from "./robots.js";
 import { Scene } from "./scene.js";
 import { TaskList } from "./task-list.js";
@@ -31,6 +32,7 @@ const page = JSON.parse(byId("page").textContent);
 const store = new MissionStore(page.id, page.symbols);
 const server = store.server(page.id);
 
+connectReportLinks();
 load();
 
 /** Load the mission; an error is shown in place of the map. */

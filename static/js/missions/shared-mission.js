@@ -15,6 +15,7 @@ import { ObjectTable } from "./object-table.js";
 import { showPhotos } from "./photos.js";
 import { Player } from "./player.js";
 import { Profile } from "./profile.js";
+import { connectReportLinks } from "./report-links.js";
 import { Scene } from "./scene.js";
 import { Following, SharedStore } from "./shared-store.js";
 import { TrackLines } from "./track-lines.js";
@@ -23,6 +24,7 @@ import { showTracks } from "./track-panel.js";
 const page = JSON.parse(byId("page").textContent);
 const store = new SharedStore(page);
 
+connectReportLinks();
 load();
 
 async function load() {

@@ -2,7 +2,7 @@
 
 import pytest
 
-from webapp.missions.web.state import Spans
+from webapp.missions.core.spans import Spans
 
 
 @pytest.mark.parametrize(

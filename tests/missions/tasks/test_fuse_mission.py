@@ -2,6 +2,7 @@
 
 import json
 import threading
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -73,6 +74,34 @@ def test_removing_the_corrected_track_brings_the_recorded_ones_back(library, dri
     for remove_again in (fuse.read_report, lambda *a: fuse.remove(*a, write=library.database.write)):
         with pytest.raises(NotFound):
             remove_again(library, mission_id)
+
+
+def test_a_removal_that_fails_keeps_track_and_report(library, driven):
+    mission_id, _ = driven
+    report = run(library, mission_id)
+
+    @contextmanager
+    def failing():
+        with library.database.write() as session:
+            yield session
+            raise OSError("the disk is full")
+
+    with pytest.raises(OSError, match="full"):
+        fuse.remove(library, mission_id, write=failing)
+    assert fuse.read_report(library, mission_id) == json.loads(json.dumps(report))
+    assert fused(library, mission_id)[0].poses == report["poses"]
+
+
+def test_a_report_left_behind_by_a_removal_that_was_killed_is_none(library, driven, monkeypatch):
+    mission_id, _ = driven
+    run(library, mission_id)
+    path = missions.folder(library, mission_id) / fuse.REPORT
+    kept = path.read_bytes()
+    fuse.remove(library, mission_id, write=library.database.write)
+    assert not path.exists()
+    path.write_bytes(kept)
+    with pytest.raises(NotFound, match="not been fused"):
+        fuse.read_report(library, mission_id)
 
 
 def test_a_plan_is_not_what_was_driven(library, driven):

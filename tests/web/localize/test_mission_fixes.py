@@ -15,8 +15,10 @@ from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.jobs import map_jobs
 from webapp.jobs.worker import Worker
+from webapp.missions.core.trajectory import fusion
 from webapp.missions.store import missions, tracks
 from webapp.missions.store.schema import MissionPhoto
+from webapp.missions.tasks import fuse as fuse_mission
 from webapp.store.schema import Job
 from webapp.tasks.maps.library_map import georeference
 
@@ -220,6 +222,30 @@ def test_a_corrected_track_is_removed(client, mission, send, queries, library, s
     assert f'"track_ids":[{before["tracks"][0]["id"]}]' in first
     stream.close()
     assert client.delete(f"{mission}/fusion").status_code == 404
+
+
+def test_removing_a_corrected_track_cancels_what_would_bring_it_back(
+    client, mission, send, queries, library, settings, monkeypatch
+):
+    send(f"{mission}/fixes", queries / "query_01.jpg", time=10)
+    client.post(f"{mission}/fuse")
+    Worker(library, settings, registry=REGISTRY).run(once=True)
+    waiting = client.post(f"{mission}/fuse").json["job"]
+    assert client.delete(f"{mission}/fusion").status_code == 204
+    assert client.get(f"/api/v1/jobs/{waiting}").json["state"] == "cancelled"
+    Worker(library, settings, registry=REGISTRY).run(once=True)
+    assert [track["source"] for track in client.get(mission).json["tracks"]] == ["visual"]
+
+    def remove_before_it_writes(*arguments, **options):
+        result = fusion.fuse(*arguments, **options)
+        assert client.delete(f"{mission}/fusion").status_code == 204
+        return result
+
+    running = client.post(f"{mission}/fuse").json["job"]
+    monkeypatch.setattr(fuse_mission, "fuse", remove_before_it_writes)
+    Worker(library, settings, registry=REGISTRY).run(once=True)
+    assert client.get(f"/api/v1/jobs/{running}").json["state"] == "cancelled"
+    assert [track["source"] for track in client.get(mission).json["tracks"]] == ["visual"]
 
 
 def test_nothing_to_fuse_fails_with_words(client, mission, library, settings):

@@ -23,15 +23,17 @@ from webapp.missions.core.trajectory.axes import AXES
 from webapp.missions.core.trajectory.records import SOURCES
 from webapp.missions.core.trajectory.robotframe import Start, parse_start
 from webapp.missions.files.track_reader import listed, with_axes
+from webapp.missions.render.export_file import FORMATS, export_mission_file
+from webapp.missions.render.report import NOTATIONS
+from webapp.missions.render.report_file import ExportOptions
 from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission
-from webapp.missions.tasks import export as export_mission
 from webapp.missions.tasks import fuse as fuse_tracks
 from webapp.missions.tasks import import_file, read_track, thin_tracks
-from webapp.missions.tasks.export import FORMATS
 from webapp.missions.tasks.import_file import TrackImport
 from webapp.missions.tasks.import_order import order_of
 from webapp.missions.tasks.thin_tracks import Rule, ThinnedTrack
+from webapp.render.language import LANGUAGES
 from webapp.settings import Settings
 from webapp.store.accounts import accounts
 from webapp.store.library import Library
@@ -142,14 +144,28 @@ def import_files(
 @click.argument("mission", type=int)
 @click.argument("file", type=click.Path(path_type=Path, dir_okay=False, allow_dash=True))
 @click.option("--format", "form", type=click.Choice(FORMATS), help="[default: from the name of FILE]")
+@click.option("--language", type=click.Choice(LANGUAGES), default="en", help="Of a report.  [default: en]")
+@click.option(
+    "--zone", default="UTC", metavar="NAME", help="Time zone of a report: Europe/Prague.  [default: UTC]"
+)
+@click.option(
+    "--positions", type=click.Choice(list(NOTATIONS)), default="degrees",
+    help="Notation of positions in a report, beside decimal degrees.",
+)  # fmt: skip
 @library_option
-def export(mission: int, file: Path, form: str | None, library: Path | None) -> None:
+def export(mission: int, file: Path, form: str | None, library: Path | None, **written: str) -> None:
     """Export the mission with the number MISSION to FILE; `-` is standard output."""
     form = form or _form_of(file)
     with _opened(library) as place:
         with place.database.read() as session:
             _known(session.get(Mission, mission), mission)
-        download = export_mission.export_mission(place, mission, form=form, people=True)
+        download = export_mission_file(
+            place,
+            mission,
+            form=form,
+            settings=library_settings(library),
+            options=ExportOptions(private=True, photos=True, **written),  # type: ignore[arg-type]
+        )
         if str(file) == "-":
             for piece in download.pieces:
                 sys.stdout.buffer.write(piece)
@@ -196,7 +212,8 @@ def _utc(time_s: float) -> str:
 
 
 def _form_of(file: Path) -> str:
-    fits = [form for form in FORMATS if file.name.lower().endswith((f".{form}", f"-{form}"))]
+    name = f".{file.name.lower()}"
+    fits = [form for form in FORMATS if name.endswith((f".{form}", f"-{form}"))]
     if not fits:
         hint = f"give it: --format {'|'.join(FORMATS)}"
         raise UsageError("the format cannot be inferred from the file name", where=str(file), hint=hint)

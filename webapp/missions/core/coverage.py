@@ -8,6 +8,7 @@ that ways cross, not on the length of the ways.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -76,6 +77,32 @@ class Coverage:
         low, high = self.outline.min(axis=0) - self.radius_m, self.outline.max(axis=0) + self.radius_m
         starts, ways = _clipped(*_ways(metres, joined), low=low, high=high)
         self._mark((starts - self._corner) / self._cell, ways / self._cell)
+
+    def empty(self) -> Coverage:
+        """Return the same grid with nothing covered."""
+        other = copy.copy(self)
+        other._covered = np.zeros_like(self._covered)
+        return other
+
+    def include(self, other: Coverage) -> None:
+        """Add what was covered on a grid made by `empty`."""
+        self._covered |= other._covered
+
+    def is_near(self, metres: _Metres) -> NDArray[np.bool_]:
+        """Return which points, (m, 2) float64, are in the area or within the radius of it; (m,) bool."""
+        low, high = self.outline.min(axis=0) - self.radius_m, self.outline.max(axis=0) + self.radius_m
+        near = ((metres >= low) & (metres <= high)).all(axis=1)
+        some = metres[near]
+        odd, close = np.zeros(len(some), np.bool_), np.zeros(len(some), np.bool_)
+        for begin, end in zip(self.outline, np.roll(self.outline, -1, axis=0), strict=True):
+            side, off = end - begin, some - begin
+            crosses = (begin[1] <= some[:, 1]) != (end[1] <= some[:, 1])
+            x = off[:, 1] * (side[0] / side[1]) if side[1] else off[:, 0]
+            odd ^= crosses & (x < off[:, 0])
+            along = np.clip(off @ side / (side @ side), 0, 1)
+            close |= np.hypot(*(off - along[:, None] * side).T) <= self.radius_m
+        near[near] = odd | close
+        return np.asarray(near, np.bool_)
 
     @property
     def share(self) -> float | None:

@@ -10,28 +10,26 @@ from webapp.errors import UsageError
 from webapp.files.exchange.times import utc
 from webapp.missions.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
 from webapp.missions.core.trajectory.symbols import kind_colour
+from webapp.missions.render import report_file
+from webapp.missions.render.ground import ground_of
+from webapp.missions.render.report_file import ExportOptions
 from webapp.missions.store import reading
-from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import export
 from webapp.missions.tasks.export import icon
 from webapp.render.folium_page import Feature, add_features, data_uri, empty_page
-from webapp.render.mercator import MercatorPicture, to_mercator
+from webapp.render.mercator import MercatorPicture
 from webapp.settings import Settings
 from webapp.store.library import Library
-from webapp.store.schema import MapRecord
 from webapp.tasks.exchange.export_source import (
     Download,
-    Source,
     encode_picture,
-    of_library,
     plain_name,
-    satellite_picture,
 )
 
 if TYPE_CHECKING:
     import folium  # loaded by the functions, as in `webapp.render.folium_page`
 
-FORMATS = (*export.FORMATS, "html")
+FORMATS = (*export.FORMATS, "html", *report_file.FORMATS)
 
 MAX_OBJECTS = 5000
 """Maximum number of objects on a page; browsers cannot open larger ones."""
@@ -39,7 +37,7 @@ MAX_OBJECTS = 5000
 MAX_POSES = 5000
 """Maximum number of poses of each track on a page, evenly spread."""
 
-_IMAGE_SIDE = 4096
+_USUAL = ExportOptions()
 _PAD_DEG = 0.0005
 _POPUP = "mission-popup"
 _DOT = {"fill": True, "color": "#fff", "weight": 2, "fillOpacity": 1}
@@ -51,33 +49,27 @@ def export_mission_file(
     *,
     form: str,
     settings: Settings,
-    most: int | None = None,
-    private: bool = False,
+    options: ExportOptions = _USUAL,
 ) -> Download:
-    """Export a mission.
-
-    Args:
-        form: One of `FORMATS`.
-        most: Maximum number of poses of each track, evenly spread; ignored for `html`, which has its own
-            limit.
-        private: Include data that visitors do not get: previews of the photos of objects (KMZ), names of
-            people.
+    """Export a mission; `form` is one of `FORMATS`.
 
     Raises:
-        UsageError: The format is unknown, or the mission is too large for it.
+        UsageError: The format or an option is unknown, or the mission is too large for the format.
         NotFound: The mission does not exist.
     """
     if form not in FORMATS:
         raise UsageError(f"unknown export format {form!r}", where="format", hint=f"use {', '.join(FORMATS)}")
     if form == "html":
         return mission_page(library, mission_id, settings=settings)
+    if form in report_file.FORMATS:
+        return report_file.export_report(library, mission_id, form=form, settings=settings, options=options)
     return export.export_mission(
         library,
         mission_id,
         form=form,
-        most=most,
-        pictures=settings if private else None,
-        people=private,
+        most=options.most,
+        pictures=settings if options.private else None,
+        people=options.private,
     )
 
 
@@ -94,7 +86,7 @@ def mission_page(library: Library, mission_id: int, *, settings: Settings) -> Do
         raise UsageError(
             f"a page can hold {MAX_OBJECTS} objects, and the mission has more", hint="export KMZ instead"
         )
-    text = _page(mission, found, _ground(library, mission_id, settings=settings))
+    text = _page(mission, found, ground_of(library, mission_id, settings=settings))
     return Download(
         f"{plain_name(mission.name)}.html",
         "text/html; charset=utf-8",
@@ -160,21 +152,6 @@ def _add_objects(page: folium.Map, found: list[ExportObject]) -> None:
         )
         add_features(page, signs, marker=folium.Marker(icon=sign), popup=_POPUP, name="Objects")
     add_features(page, dots, marker=folium.CircleMarker(radius=7), popup=_POPUP, name="Objects")
-
-
-def _ground(library: Library, mission_id: int, *, settings: Settings) -> MercatorPicture | None:
-    """Reproject the image of the mission's map to Mercator for Leaflet; None if it cannot be placed."""
-    with library.database.read() as session:
-        map_id = session.get_one(Mission, mission_id).map_id
-        record = None if map_id is None else session.get_one(MapRecord, map_id)
-        if record is None or record.satellite_path is None or record.georeference is None:
-            return None
-    source: Source = of_library(library, record.id)
-    satellite = source.map.satellite
-    picture = satellite_picture(source.cfg, satellite.path, side=_IMAGE_SIDE, settings=settings)
-    if picture is None:
-        return None
-    return to_mercator(picture, source.georeference(), size=(satellite.width, satellite.height))
 
 
 def _line(track: ExportTrack) -> Feature:

@@ -124,6 +124,8 @@ def _track(database: Database, track: Track, *, most: int | None) -> ExportTrack
         removed=track.removed,
         thinned_m=track.thinned_m,
         look=tracks.look_of(track),
+        first_time_s=track.first_time_s if track.timed else None,
+        last_time_s=track.last_time_s if track.timed else None,
     )
 
 

@@ -57,6 +57,24 @@ class AreaCoverage:
     exact: bool
 
 
+@dataclass(frozen=True, slots=True)
+class TrackSearch:
+    """What one track has covered of an area."""
+
+    track: int  # Its id
+    share: float  # 0 to 1
+    first_time_s: float | None  # When it was first and last within the radius of the area; None if unknown
+    last_time_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class AreaSearch:
+    """How much of an area was covered, and by which tracks."""
+
+    coverage: AreaCoverage
+    by: tuple[TrackSearch, ...]  # Those that have covered some of it
+
+
 @dataclass(slots=True)
 class _Kept:
     """The covered part of an area, and what it was computed from."""
@@ -160,6 +178,52 @@ class CoverageCache:
                     left -= kept.coverage.samples
                     if left < 0:
                         kept.coverage = None
+
+
+def search_areas(library: Library, mission_id: int, *, budget_s: float) -> dict[int, AreaSearch]:
+    """Compute who has covered how much of each area of a mission, by the id of the area.
+
+    Areas for which the time does not suffice are left out.
+    """
+    budget, done = _Budget(budget_s), dict[int, AreaSearch]()
+    with library.database.read() as session:
+        found = counting_tracks(tracks.list_tracks(session, mission_id))
+        for row in drawings.list_drawings(session, mission_id):
+            if row.kind == "area":
+                try:
+                    done[row.id] = _searched(session, row, found, budget=budget)
+                except Busy:
+                    break
+    return done
+
+
+def _searched(session: Session, row: MissionDrawing, found: list[Track], *, budget: _Budget) -> AreaSearch:
+    kept = _Kept(LocalFrame(centre_of(drawings.points_of(row))))
+    total, by = _laid(kept, row), list[TrackSearch]()
+    for track in found:
+        budget.check()
+        own = total.empty()
+        for _ in _add(session, own, track, frame=kept.frame, first=0):
+            budget.check()
+        total.include(own)
+        if own.share:
+            times = _times_near(session, own, track, frame=kept.frame) if track.timed else (None, None)
+            by.append(TrackSearch(track.id, own.share, *times))
+    ids, exact = tuple(track.id for track in found), not any(track.removed for track in found)
+    return AreaSearch(AreaCoverage(row.id, total.share, ids, exact), tuple(by))
+
+
+def _times_near(
+    session: Session, coverage: Coverage, track: Track, *, frame: LocalFrame
+) -> tuple[float | None, float | None]:
+    """Return the first and the last time of the poses near the area; None if only ways pass it."""
+    first, last = [], []
+    for poses, _ in _parts(session, coverage, track, frame=frame, first=0):
+        times = poses.times_s[coverage.is_near(frame.enu_from_latlon(poses.latlon))]
+        if len(times):
+            first.append(float(times.min()))
+            last.append(float(times.max()))
+    return min(first, default=None), max(last, default=None)
 
 
 def _laid(kept: _Kept, row: MissionDrawing) -> Coverage:

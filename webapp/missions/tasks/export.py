@@ -16,6 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from webapp.errors import NotFound, PhotoError, UsageError
 from webapp.files.exchange.zip_stream import ZipMember, stream_zip
+from webapp.files.photos.photo import Kind
 from webapp.missions.core.trajectory import symbols
 from webapp.missions.core.trajectory.outgoing import MissionExport
 from webapp.missions.core.trajectory.symbols import Line, kind_colour, symbol_of
@@ -94,20 +95,26 @@ def export_mission(
     if form == "kml":
         return export_mission_kml(mission)
     if form == "kmz":
-        find = None if pictures is None else partial(_picture, library, mission_id, settings=pictures)
+        find = (
+            None
+            if pictures is None
+            else partial(find_picture, library, mission_id=mission_id, settings=pictures)
+        )
         return export_mission_kmz(mission, picture=find)
     media_type, write = _WRITERS[form]
     joint = "-" if form == "objects.csv" else "."
     return Download(f"{plain_name(mission.name)}{joint}{form}", media_type, write(mission))
 
 
-def _picture(library: Library, mission_id: int, sha256: str, *, settings: Settings) -> Path | None:
-    """Find the preview of a photo; None if the photo was never received, or is damaged."""
+def find_picture(
+    library: Library, sha256: str, *, mission_id: int, settings: Settings, kind: Kind = "preview"
+) -> Path | None:
+    """Find a picture of a photo, without metadata; None if it was never received, or is damaged."""
     try:
         with library.database.read() as session:
             photo = missions.find_photo(session, mission_id, sha256)
         file = add_photo.file_of(library, photo)
-        return give_picture(library, file, kind="preview", audience="visitors", settings=settings).path
+        return give_picture(library, file, kind=kind, audience="visitors", settings=settings).path
     except (NotFound, PhotoError):
         return None
 

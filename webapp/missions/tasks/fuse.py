@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 from filelock import FileLock, Timeout
 from numpy.typing import NDArray
-from sqlalchemy import or_, select
+from sqlalchemy import ColumnElement, or_, select
 from sqlalchemy.orm import Session
 
 from webapp.core.geometry.robust import GATE_2D
@@ -74,8 +74,12 @@ def queue(session: Session, mission: Mission, *, account_id: int, odometry: int 
 def last_job(session: Session, mission: Mission, *, account_id: int) -> Job | None:
     """Find the last fusion that an account has queued."""
     mine = select(Job).where(Job.kind == JOB, Job.map_id == mission.map_id, Job.account_id == account_id)
-    of_mission = or_(Job.key == str(mission.id), Job.key.startswith(f"{mission.id}/"))
-    return session.scalar(mine.where(of_mission).order_by(Job.id.desc()).limit(1))
+    return session.scalar(mine.where(_of_mission(mission.id)).order_by(Job.id.desc()).limit(1))
+
+
+def _of_mission(mission_id: int) -> ColumnElement[bool]:
+    """Return the condition for fusions of a mission among those of all."""
+    return or_(Job.key == str(mission_id), Job.key.startswith(f"{mission_id}/"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,10 +177,12 @@ def read_report(library: Library, mission_id: int) -> dict[str, Any]:
     """Read the report on the last fusion.
 
     Raises:
-        NotFound: The mission was never fused.
+        NotFound: The mission was never fused, or its fused track was removed.
     """
     path = missions.folder(library, mission_id) / REPORT
-    if not path.is_file():
+    with library.database.read() as session:
+        found = any(track.source == "fused" for track in tracks.list_tracks(session, mission_id))
+    if not found or not path.is_file():
         raise NotFound("the tracks of this mission have not been fused yet", where=f"mission {mission_id}")
     return cast(dict[str, Any], json.loads(path.read_text(encoding="utf-8")))
 
@@ -184,27 +190,47 @@ def read_report(library: Library, mission_id: int) -> dict[str, Any]:
 def remove(library: Library, mission_id: int, *, write: Write) -> None:
     """Delete the fused track, its report and its marks on photos; the tracks that were fused stay.
 
+    Fusions that wait or run are cancelled, as they would bring it back.
+
     Raises:
-        NotFound: There is no fused track.
+        NotFound: There is no fused track, and none is being made.
         Conflict: A backup is running.
     """
-    try:
-        with write() as session, FileLock(library.inner / LOCK, timeout=0):
-            mission = session.get_one(Mission, mission_id, with_for_update=True)
-            found = [track for track in tracks.list_tracks(session, mission_id) if track.source == "fused"]
-            if not found:
-                raise NotFound("the mission has no corrected track", where=f"mission {mission_id}")
-            for track in found:
-                tracks.clear(session, track)
-                session.delete(track)
-            for photo in missions.photos(session, mission_id):
-                if photo.fix is not None and "gated" in photo.fix:
-                    photo.fix = {k: v for k, v in photo.fix.items() if k not in ("gated", "gated_why")}
-            missions.count_change(mission)
-            (missions.folder(library, mission_id) / REPORT).unlink(missing_ok=True)
-    except Timeout:
-        where, hint = f"mission {mission_id}", "try again when it has ended"
-        raise Conflict("a backup of the library is running", where=where, hint=hint) from None
+    with ExitStack() as held:
+        try:
+            with write() as session:
+                cancelled = _cancel_all(session, mission_id)  # before the mission is locked, as jobs do
+                mission = session.get_one(Mission, mission_id, with_for_update=True)
+                _remove_track(session, mission, needed=not cancelled)
+                held.enter_context(FileLock(library.inner / LOCK, timeout=0))
+        except Timeout:
+            where, hint = f"mission {mission_id}", "try again when it has ended"
+            raise Conflict("a backup of the library is running", where=where, hint=hint) from None
+        (missions.folder(library, mission_id) / REPORT).unlink(missing_ok=True)
+
+
+def _cancel_all(session: Session, mission_id: int) -> bool:
+    """Cancel the fusions of a mission that wait or run; return whether there were any."""
+    alive = select(Job).where(Job.kind == JOB, _of_mission(mission_id), Job.state.in_(jobs.LIVE))
+    found = list(session.scalars(alive.order_by(Job.id).with_for_update()))
+    for job in found:
+        jobs.cancel(session, job)
+    return bool(found)
+
+
+def _remove_track(session: Session, mission: Mission, *, needed: bool) -> None:
+    """Delete the fused track and its marks. Raises NotFound if there is none though it is needed."""
+    found = [track for track in tracks.list_tracks(session, mission.id) if track.source == "fused"]
+    if needed and not found:
+        raise NotFound("the mission has no corrected track", where=f"mission {mission.id}")
+    for track in found:
+        tracks.clear(session, track)
+        session.delete(track)
+    for photo in missions.photos(session, mission.id):
+        if photo.fix is not None and "gated" in photo.fix:
+            photo.fix = {k: v for k, v in photo.fix.items() if k not in ("gated", "gated_why")}
+    if found:
+        missions.count_change(mission)
 
 
 def _kept(

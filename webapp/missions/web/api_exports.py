@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
@@ -15,11 +15,14 @@ from webapp.errors import NotFound, TooMany, UsageError
 from webapp.missions.core.filters import MAX_CHARACTERS
 from webapp.missions.render import export_file
 from webapp.missions.render.export_file import FORMATS
+from webapp.missions.render.report import NOTATIONS
+from webapp.missions.render.report_file import ExportOptions
 from webapp.missions.store import shares
 from webapp.missions.store.query import MAX_ROWS, TABLES, Question
 from webapp.missions.tasks.export import LIVE_POSES, export_network_link, query_mission
 from webapp.missions.web.context import mission_role, open_mission
 from webapp.tasks.exchange.export_source import Download
+from webapp.web import language
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import library, settings
 from webapp.web.openapi import Responses, file_answer
@@ -42,12 +45,22 @@ _TEXT = Length(max=MAX_CHARACTERS)
 
 
 class ExportQuery(Schema):
-    """Resolution of an export."""
+    """Resolution of an export, and what a report is written in."""
 
     points = Integer(
         load_default=None,
         validate=Range(2, 1_000_000),
         metadata={"description": "Maximum number of poses of each track, evenly spread; by default all."},
+    )
+    zone = String(
+        load_default="UTC",
+        validate=Length(max=64),
+        metadata={"description": "Time zone of a report.", "example": "Europe/Prague"},
+    )
+    positions = String(
+        load_default="degrees",
+        validate=OneOf(tuple(NOTATIONS)),
+        metadata={"description": "Notation of positions in a report, beside decimal degrees."},
     )
 
 
@@ -103,8 +116,8 @@ _ROWS: Responses = {
 @blueprint.input(ExportQuery, location="query", arg_name="query")
 @blueprint.doc(responses=file_answer("The file, made while it is sent.", "*/*"))
 def export_mission(mission_id: int, ending: str, *, query: dict[str, Any]) -> Response:
-    """Export a mission as `kml`, `kmz`, `gpx`, `geojson`, `csv`, `tum.zip`, `kitti.zip`, or `html`."""
-    return export(open_mission(mission_id).id, ending=ending, query=query, private=True)
+    """Export a mission: its data, a page (`html`), or a report to print, in the language of the caller."""
+    return export(open_mission(mission_id).id, ending=ending, query=query, private=True, photos=True)
 
 
 @blueprint.get("/objects.csv")
@@ -112,7 +125,7 @@ def export_mission(mission_id: int, ending: str, *, query: dict[str, Any]) -> Re
 @blueprint.doc(responses=file_answer("The file, made while it is sent.", "text/csv"))
 def objects(mission_id: int) -> Response:
     """Export the objects of a mission with their last positions."""
-    return export(open_mission(mission_id).id, ending="objects.csv", query={"points": None}, private=True)
+    return export(open_mission(mission_id).id, ending="objects.csv", private=True)
 
 
 @blueprint.get("/link.kml")
@@ -145,8 +158,20 @@ def query(mission_id: int, asked: dict[str, Any]) -> Response:
     return stream_download(lambda: query_mission(place, mission.id, question=question, form=form))
 
 
-def export(mission_id: int, *, ending: str, query: dict[str, Any], private: bool = False) -> Response:
-    """Send a mission as a file of a format; `private` includes data that visitors do not get.
+def export(
+    mission_id: int,
+    *,
+    ending: str,
+    query: Mapping[str, Any] | None = None,
+    private: bool = False,
+    photos: bool = False,
+) -> Response:
+    """Send a mission as a file of a format.
+
+    Args:
+        query: The fields of `ExportQuery`.
+        private: Include data that visitors do not get.
+        photos: Include pictures of objects in a report.
 
     Raises:
         NotFound: The format is unknown.
@@ -154,10 +179,13 @@ def export(mission_id: int, *, ending: str, query: dict[str, Any], private: bool
     """
     if ending not in FORMATS:
         raise NotFound(f"unknown export format {ending!r}", hint=f"use one of {', '.join(FORMATS)}")
-    place, limits, most = library(), settings(), query["points"]
+    place, limits, asked = library(), settings(), dict(query or {})
+    options = ExportOptions(
+        most=asked.pop("points", None), private=private, photos=photos, language=language.current(), **asked
+    )
     return stream_download(
         lambda: export_file.export_mission_file(
-            place, mission_id, form=ending, settings=limits, most=most, private=private
+            place, mission_id, form=ending, settings=limits, options=options
         )
     )
 

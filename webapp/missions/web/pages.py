@@ -151,8 +151,8 @@ def embedded(token: str) -> tuple[str, int, dict[str, str]]:
 @public_pages.input(ExportQuery, location="query", arg_name="query")
 def export(token: str, ending: str, *, query: dict[str, Any]) -> Response:
     """Export a shared mission; `?points=` limits the poses of each track."""
-    mission = _opened(token).mission
-    return api_exports.export(mission.id, ending=ending, query=query)
+    opened = _opened(token)
+    return api_exports.export(opened.mission.id, ending=ending, query=query, photos=bool(opened.share.photos))
 
 
 @public_pages.get("/objects.csv")
@@ -160,7 +160,7 @@ def export(token: str, ending: str, *, query: dict[str, Any]) -> Response:
 @_by_link
 def objects(token: str) -> Response:
     """Export the objects of a shared mission."""
-    return api_exports.export(_opened(token).mission.id, ending="objects.csv", query={"points": None})
+    return api_exports.export(_opened(token).mission.id, ending="objects.csv")
 
 
 @public_pages.get("/link.kml")

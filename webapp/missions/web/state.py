@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left, bisect_right
 from dataclasses import asdict
 from datetime import datetime
 from typing import Any
@@ -16,7 +15,7 @@ from webapp.core.mapmodel.checks import MAX_NUMBER
 from webapp.errors import NotFound
 from webapp.missions.core.trajectory.drift import LoopClosure, measure_closure
 from webapp.missions.core.trajectory.records import Poses
-from webapp.missions.store import missions, tracks
+from webapp.missions.store import missions, tracks, way
 from webapp.missions.store.missions import Entry
 from webapp.missions.store.schema import Mission, MissionObject, MissionPhoto, ObjectSighting, Track
 from webapp.missions.store.shares import OpenedMission
@@ -134,25 +133,8 @@ def read_cursor(text: str) -> tuple[int, dict[int, int]] | None:
 
 
 def _way(found: list[Track]) -> dict[str, float | None]:
-    """Return the length, duration and times of a mission.
-
-    Length and duration are those of all tracks from the source of its best one, times those of all tracks.
-    Other sources have recorded the same way. Of tracks that overlap in time, such as those of two receivers,
-    the longer one counts, and of the other the share of its time that lies outside.
-    """
-    best = tracks.best(found)
-    same = [] if best is None else [track for track in found if track.source == best.source]
-    distance_m, covered = 0.0, Spans()
-    for track in sorted(same, key=lambda one: one.distance_m, reverse=True):
-        share = covered.add(track.first_time_s or 0.0, track.last_time_s or 0.0) if track.timed else 1.0
-        distance_m += share * track.distance_m
-    timed = [track for track in found if track.timed]
-    return {
-        "distance_m": distance_m,
-        "duration_s": covered.length,
-        "first_time_s": min((t.first_time_s for t in timed if t.first_time_s is not None), default=None),
-        "last_time_s": max((t.last_time_s for t in timed if t.last_time_s is not None), default=None),
-    }
+    """Return the length, duration and times of a mission."""
+    return asdict(way.of_tracks(found))
 
 
 def _duration_s(track: Track) -> float:
@@ -259,27 +241,3 @@ def _satellite(session: Session, opened: OpenedMission, token: str) -> dict[str,
         return None
     earth = found["georeference"]
     return {**found, "georeference": None if earth is None else {key: earth[key] for key in _OF_THE_EARTH}}
-
-
-class Spans:
-    """Disjoint spans, sorted."""
-
-    def __init__(self) -> None:
-        self._first: list[float] = []
-        self._last: list[float] = []
-
-    def add(self, first: float, last: float) -> float:
-        """Add a span; return the share of it that no other has covered: of a moment 0 or 1."""
-        begin, end = bisect_left(self._last, first), bisect_right(self._first, last)
-        before = list(zip(self._first[begin:end], self._last[begin:end], strict=True))
-        covered = sum(min(b, last) - max(a, first) for a, b in before)
-        self._first[begin:end] = [min(first, *(a for a, _ in before))] if before else [first]
-        self._last[begin:end] = [max(last, *(b for _, b in before))] if before else [last]
-        if last > first:
-            return 1.0 - covered / (last - first)
-        return 0.0 if before else 1.0
-
-    @property
-    def length(self) -> float:
-        """Length of all of them."""
-        return sum(b - a for a, b in zip(self._first, self._last, strict=True))

@@ -163,7 +163,7 @@ class PdfDrawing:
     """
 
     def __init__(self, size: tuple[float, float], *, title: str) -> None:
-        self._fonts = _pdf_fonts()
+        self._fonts = pdf_fonts()
         self._height = size[1]
         self._data = io.BytesIO()
         self._canvas = PdfCanvas(self._data, pagesize=size, invariant=1)
@@ -241,7 +241,7 @@ def _font(size: float, bold: bool) -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(_font_file(bold), size)
 
 
-def _pdf_fonts() -> tuple[str, str]:
+def pdf_fonts() -> tuple[str, str]:
     """Register the regular and the bold font for PDFs; return their names."""
     names = ("ExperienceMap", "ExperienceMap-Bold")
     with _registering:

@@ -3,12 +3,14 @@
 import math
 import random
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from webapp.errors import TrackError
-from webapp.missions.files.readers import rosbag
+from webapp.missions.files.readers import bag_frames, rosbag
+from webapp.missions.files.readers.bag_frames import FrameTree, slerp
 from webapp.missions.files.track_chunks import Findings, RobotObjects, RobotPiece, WorldPiece
 
 KINDS = pytest.mark.parametrize(
@@ -248,7 +250,8 @@ def test_objects_get_from_any_frame_to_one_with_poses(ros, tmp_path, ros1, mcap,
     early, _, first, turned, unknown, circle = read(path, suffix)[0]
     assert (early.frame, early.sightings[0].xyz_m) == ("camera", (2.0, 0.0, 0.5)), "no pose was known"
     assert (first.frame, turned.frame) == ("base_link", "base_link")
-    assert first.sightings[0].xyz_m == pytest.approx((2.1, 0.0, 1.7))
+    between = 2.1 * math.sqrt(0.5)  # in the middle between 0 and 90 degrees
+    assert first.sightings[0].xyz_m == pytest.approx((between, between, 1.7))
     assert turned.sightings[0].xyz_m == pytest.approx((0.0, 2.1, 1.7))
     assert first.sightings[0].size_m == (1.0, 1.0, 1.0)
     assert (unknown.frame, circle.frame) == ("unknown", "circle")
@@ -264,6 +267,85 @@ def test_objects_on_the_map_get_into_the_frame_of_odometry(ros, tmp_path) -> Non
     ]
     (_, door), _ = read(m.bag(tmp_path / "map", messages, mcap=True), ".mcap")
     assert (door.frame, door.sightings[0].xyz_m) == ("odom", pytest.approx((2.0, 0.0, 0.0)))
+
+
+def turning(m, time_s):
+    """A camera on a robot that drives on a circle: its transforms and where it is, by the time."""
+    angle = 0.4 * (time_s - 100.0)
+    body = m.pose(5 * math.sin(angle), 5 - 5 * math.cos(angle), yaw=angle)
+    mast = m.pose(0.0, 0.0, 1.0, yaw=-angle)
+    return [(time_s, "odom", "base_link", body), (time_s, "base_link", "mast", mast)]
+
+
+@KINDS
+def test_transforms_are_interpolated_between_their_stamps(ros, tmp_path, ros1, mcap, suffix) -> None:
+    m = ros(ros1)
+    messages = [("/odom", 100.0, m.odometry(100.0, m.pose(0.0)))]
+    messages += [("/tf", t, m.transforms(turning(m, t))) for t in np.arange(100.0, 104.01, 0.5).tolist()]
+    messages += [
+        ("/seen", t, m.detections(t, [("a", "car", 1.0, m.pose(2.0))], "mast"))
+        for t in (100.0, 100.25, 101.6, 103.9, 104.2, 120.0)
+    ]
+    messages.sort(key=lambda one: one[1])
+    path = m.bag(tmp_path / f"turn{suffix if ros1 else ''}", messages, mcap=mcap)
+    pieces, findings = read(path, suffix)
+    objects = [piece for piece in pieces if isinstance(piece, RobotObjects)]
+    assert {piece.frame for piece in objects} == {"odom"}
+    for piece in objects:
+        (seen,) = piece.sightings
+        angle = 0.4 * (min(seen.time_s, 104.0) - 100.0)  # the mast looks east all the time
+        truth = (5 * math.sin(angle) + 2, 5 - 5 * math.cos(angle), 1.0)
+        assert seen.xyz_m == pytest.approx(truth, abs=5 * 0.1**2 / 2 + 1e-6), seen.time_s  # chord and arc
+    assert [(one.reason, one.count) for one in findings.doubts() if "transform" in one.reason] == [
+        ("objects seen when a transform was not known: the nearest in time was taken", 1)
+    ]
+
+
+def test_long_before_the_first_transform_nothing_is_known_and_across_a_gap_the_nearest_counts(ros, tmp_path):
+    m = ros(True)
+    times = {200.0: 1.0, 260.0: 3.0}
+    messages = [("/odom", 100.0, m.odometry(100.0, m.pose(0.0)))]
+    messages += [("/tf", t, m.transforms([(t, "base_link", "arm", m.pose(x))])) for t, x in times.items()]
+    seen = [("a", "car", 1.0, m.pose(0.0))]
+    messages += [("/seen", t, m.detections(t, seen, "arm")) for t in (150.0, 195.0, 229.0, 231.0)]
+    pieces, _ = read(m.bag(tmp_path / "gap.bag", sorted(messages, key=lambda one: one[1])), ".bag")
+    objects = [piece for piece in pieces if isinstance(piece, RobotObjects)]
+    assert [(one.frame, one.sightings[0].xyz_m[0]) for one in objects] == [
+        ("arm", 0.0),
+        ("base_link", 1.0),
+        ("base_link", 1.0),
+        ("base_link", 3.0),
+    ]
+
+
+def test_many_transforms_are_thinned_and_still_right(monkeypatch) -> None:
+    monkeypatch.setattr(bag_frames, "_MOST_KEPT", 100)
+    tree = FrameTree()
+    for n in range(1000):
+        tree.add(one_transform(n * 0.1, x=n * 0.1), recorded_s=n * 0.1, static=False)
+    for time_s in (0.3, 33.33, 77.7):
+        _, transform, outside_s = tree.nearest("b", time_s=time_s, fixed={"a"}, bodies=())
+        assert (transform[0, 3], outside_s) == (pytest.approx(time_s, abs=1e-9), 0.0)
+
+
+def one_transform(time_s, *, x):
+    """A message with the transform of the frame b in a."""
+    stamp = SimpleNamespace(sec=int(time_s), nanosec=round(time_s % 1 * 1e9))
+    header = SimpleNamespace(frame_id="a", stamp=stamp)
+    where = SimpleNamespace(
+        translation=SimpleNamespace(x=x, y=0.0, z=0.0), rotation=SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
+    )
+    return SimpleNamespace(transforms=[SimpleNamespace(header=header, child_frame_id="b", transform=where)])
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25, 0.5, 1.0])
+def test_orientations_are_interpolated_on_the_shorter_arc(share) -> None:
+    def about_z(degrees):
+        return np.array([0.0, 0.0, math.sin(math.radians(degrees) / 2), math.cos(math.radians(degrees) / 2)])
+
+    for sign in (1.0, -1.0):
+        found = slerp(about_z(170), sign * about_z(-170), share=share)
+        assert abs(found @ about_z(170 + 20 * share)) == pytest.approx(1.0, abs=1e-12)
 
 
 def test_transforms_that_are_none_are_not_taken(ros, tmp_path) -> None:

@@ -119,3 +119,26 @@ def test_slow_readers_leave_threads_for_others(app, client, new_mission):
     free.release()
     for _ in range(3):
         assert client.get(where).status_code == 200
+
+
+def test_a_report_is_in_the_language_zone_and_notation_of_the_viewer(client, new_mission):
+    mission = new_mission()
+    address = f"/api/v1/missions/{mission}/export.report.html?zone=Europe/Prague&positions=mgrs"
+    text = client.get(address, headers={"Accept-Language": "cs"}).text
+    for expected in ('<html lang="cs">', "Zpráva o misi", "2026-05-01 12:00:00", "33U VR", "SECRETNOTE"):
+        assert expected in text, expected
+    for wrong, where in (("zone=Mars/Base", "zone"), ("positions=words", "positions")):
+        answer = client.get(f"/api/v1/missions/{mission}/export.report.pdf?{wrong}")
+        assert answer.status_code in (400, 422) and where in answer.json["error"]["where"]
+
+
+def test_a_report_has_pictures_only_where_photos_are_shared(client, stranger, new_mission, add_photo, share):
+    mission = new_mission()
+    add_photo(mission)
+    report = client.get(f"/api/v1/missions/{mission}/export.report.html").text
+    assert report.count("data:image/webp") == 1 and "SECRETCAM" not in report
+    for photos in (False, True):
+        page = share(mission, photos=photos)["url"]
+        shown = stranger.get(f"{page}/export.report.html").text
+        assert shown.count("data:image/webp") == photos
+        assert "SECRETNOTE" not in shown and "v1" in shown

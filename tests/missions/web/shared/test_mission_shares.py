@@ -22,6 +22,7 @@ def api(shared, rest=""):
 def every_address(shared, *, track, sha):
     page = shared["url"]
     exports = [f"{page}/export.{form}" for form in ("kml", "kmz", "gpx", "geojson", "csv", "html")]
+    exports += [f"{page}/export.report.{form}" for form in ("html", "pdf")]
     result = ["", f"/tracks/{track}/line", f"/tracks/{track}/profile", "/objects", "/objects/c1", "/photos"]
     result += [f"/photos/{sha}/thumb", f"/photos/{sha}/preview"]
     pages = [page, f"{page}/embed", shared["kml"], f"{page}/objects.csv"]

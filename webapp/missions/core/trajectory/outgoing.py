@@ -33,6 +33,9 @@ class ExportTrack:
     # left.
     thinned_m: float | None = None
     look: TrackLook = USUAL
+    # Earliest and latest time, seconds since 1970, UTC; None without times.
+    first_time_s: float | None = None
+    last_time_s: float | None = None
 
     @property
     def remark(self) -> str:

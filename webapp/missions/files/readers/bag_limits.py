@@ -266,7 +266,8 @@ Stamp = tuple[float, float]
 """Time of a header, and of the recording: seconds since 1970."""
 
 
-def _is_possible(stamp_s: float, recorded_s: float) -> bool:
+def is_possible(stamp_s: float, recorded_s: float) -> bool:
+    """Return whether a stamp can be right, by when its message was recorded."""
     return recorded_s < _FIRST_S or _FIRST_S <= stamp_s <= recorded_s + _DAY_S
 
 
@@ -279,7 +280,7 @@ class TopicClock:
     last: dict[tuple[str, str], Stamp] = field(default_factory=dict)  # By frames, as of several robots
 
     def trusts(self, stamp_s: float, recorded_s: float) -> bool:
-        return self.trusts_stamps and _is_possible(stamp_s, recorded_s)
+        return self.trusts_stamps and is_possible(stamp_s, recorded_s)
 
     def time(
         self, stamp_s: float | None, recorded_s: float, *, frames: tuple[str, str], findings: Findings
@@ -305,7 +306,7 @@ def clock_of(topic: str, series: Sequence[Sequence[Stamp]], *, findings: Finding
     if not stamps:
         return TopicClock(topic)
     steps = [abs((b[0] - b[1]) - (a[0] - a[1])) for one in series for a, b in pairwise(one)]
-    possible = sum(_is_possible(*stamp) for stamp in stamps)
+    possible = sum(is_possible(*stamp) for stamp in stamps)
     jumping = sum(step > _JUMP_S for step in steps)
     if 2 * possible < len(stamps) or (jumping >= _LEAST_JUMPS and 2 * jumping > len(steps)):
         return TopicClock(topic, trusts_stamps=False)

@@ -285,19 +285,17 @@ def read(path: Path, *, suffix: str, wanted: Collection[str] = (), findings: Fin
         several = _several(bag, chosen)
         clocks = _clocks(bag, chosen, findings=findings)
         logs: dict[str, _Log] = {}
-        tree, others = _frame_tree(bag, chosen)
-        for topic, kind, at_ns, message in _messages(bag, [*chosen, *others]):
+        tree = _frame_tree(bag, chosen)
+        for topic, kind, at_ns, message in _messages(bag, chosen):
             at_s = at_ns * 1e-9
-            if kind == _TRANSFORMS:
-                with _reading():
-                    tree.add(message)
             if kind in _OBJECTS:
                 for log in logs.values():  # first the poses from which the objects were seen
                     yield from log.pieces()
-                known = {name for log in logs.values() for pair in log.pairs for name in pair if name}
+                pairs = [pair for log in logs.values() for pair in log.pairs]
+                fixed, bodies = ({pair[side] for pair in pairs} - {""} for side in (0, 1))
                 for piece in _objects(message, kind, at_s, clock=clocks[topic], findings=findings):
-                    yield in_known_frame(piece, tree, known=known)
-            elif topic in clocks:
+                    yield from in_known_frame(piece, tree, fixed=fixed, bodies=bodies, findings=findings)
+            else:
                 log = logs.setdefault(topic, _Log(topic, kind, clocks[topic], topic in several))
                 yield from log.add(message, at_s, findings=findings)
         for log in logs.values():
@@ -374,17 +372,16 @@ class _Log:
         return RobotPiece(track, "odometry", *pair, LocalPoses(times, place, yaw, covariance))
 
 
-def _frame_tree(bag: AnyReader, chosen: list[Connection]) -> tuple[FrameTree, list[Connection]]:
-    """Return the transforms that hold all the time, and topics of others that only objects need."""
+def _frame_tree(bag: AnyReader, chosen: list[Connection]) -> FrameTree:
+    """Read the transforms of a bag, if it has objects that may need them."""
     tree = FrameTree()
     if not any(one.msgtype in _OBJECTS for one in chosen):
-        return tree, []
+        return tree
     found = [one for one in bag.connections if one.msgtype == _TRANSFORMS]
-    static = [one for one in found if one.topic.endswith("tf_static")]  # also before they were recorded
-    for _, _, _, message in _messages(bag, static) if static else ():
+    for topic, _, at_ns, message in _messages(bag, found) if found else ():
         with _reading():
-            tree.add(message)
-    return tree, [one for one in found if one not in chosen and one not in static]
+            tree.add(message, recorded_s=at_ns * 1e-9, static=topic.endswith("tf_static"))
+    return tree
 
 
 def _several(bag: AnyReader, chosen: list[Connection]) -> set[str]:
