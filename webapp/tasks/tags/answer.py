@@ -34,7 +34,7 @@ from webapp.files.photos.photo import read_facts, read_gray
 from webapp.settings import Settings
 
 _MAX_SIDE_PX = 4096
-"""Photos are searched for tags at this size, which takes 0.2 s."""
+"""Photos are searched for tags at this size."""
 
 _FOCAL_SIGMA: Mapping[str, float] = {"option": 0.01, "exif": 0.03, "guess": 0.15}
 """Standard deviation of the focal length as a fraction of it, by its source."""
