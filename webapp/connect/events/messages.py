@@ -9,6 +9,7 @@ from typing import Any
 
 from babel.dates import format_datetime
 
+from webapp.render.language import TRANSLATIONS
 from webapp.store.outbox import (
     JOB_FAILED,
     ROBOT_HEARD,
@@ -17,7 +18,6 @@ from webapp.store.outbox import (
     SHARE_MADE,
     EventDelivery,
 )
-from webapp.web.language import TRANSLATIONS
 
 TEST, CONFIRM = "test", "confirm"
 """Messages besides the events: that of the button, and the one with the code of a new address."""
