@@ -56,10 +56,12 @@ ROUTES = {
     "api_mission_exports.export_mission": [
         (MEMBER, "/api/v1/missions/{mission}/export.kmz", "blurred"),
         (MEMBER, "/api/v1/missions/{mission}/export.html", "none"),
+        (MEMBER, "/api/v1/missions/{mission}/export.report.html", "blurred"),
     ],
     "public_mission_pages.export": [
         (VISITOR, "/m/{of_mission}/export.kmz", "none"),
         (VISITOR, "/m/{of_mission}/export.html", "none"),
+        (VISITOR, "/m/{of_mission}/export.report.html", "blurred"),
     ],
     "api_shared.photo_thumb": [(VISITOR, "/api/v1/shared/{of_map}/photos/0/thumb", "blurred")],
     "api_shared.photo_preview": [
@@ -106,8 +108,10 @@ WITHOUT_PHOTOS = {
     "map files and tables": (
         "api_exchange.cfg api_exchange.placement_cfg api_plan.walk api_queries.export "
         "api_mission_exports.objects api_mission_exports.network_link api_mission_exports.query "
-        "public_mission_pages.network_link public_mission_pages.objects api_mission_events.events"
+        "public_mission_pages.network_link public_mission_pages.objects api_mission_events.events "
+        "api_geopackage.export_map api_geopackage.export_mission"
     ),
+    "drawings of tags": "api_control_points.print_sheet",
     "a drawing of tracks": "api_mission_fixes.fusion_picture",
     "keypoints, cameras and names: see tests/web/landmarks": "api_cloud.colmap api_shared_cloud.colmap",
     "the program itself": (
