@@ -30,7 +30,7 @@ def about(*places, pixel):
 @pytest.fixture
 def localizer():
     opened = SimpleNamespace(indexed=SimpleNamespace(paths=PATHS))
-    return SimpleNamespace(opened=opened, limit_accuracy=lambda answer: answer)
+    return SimpleNamespace(looks=("sift",), opened=opened, limit_accuracy=lambda answer: answer)
 
 
 @pytest.mark.parametrize(("circle", "best"), [(None, 0), (CirclePrior(900.0, 0.0, 30.0), 1)])
