@@ -44,11 +44,13 @@ def is_json(data):
     return True
 
 
+@pytest.mark.slow
 def test_a_request_follows_from_its_seed_and_number():
     assert requests(1) == requests(1)
     assert requests(1) != requests(2)
 
 
+@pytest.mark.slow
 def test_all_kinds_are_sent_and_most_addresses_exist():
     found = requests(3, 300)
     kinds = {kind for kind, _ in found}

@@ -43,6 +43,7 @@ def run(folder, *arguments):
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=1800)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", connections())
 def test_the_program_starts_without_a_connection(name, tmp_path):
     copy_without(tmp_path, [name])

@@ -97,6 +97,7 @@ def undisturbed(tmp_path, make_map, settings, monkeypatch):
     return revision, blurred, previews(library, blurred)
 
 
+@pytest.mark.slow
 def test_blurring_a_map_goes_on_after_each_kill(library, settings, make_map, undisturbed):
     revision, blurred, pictures = undisturbed
     assert [bool(boxes) for boxes in blurred.values()] == [False, True, True, True]

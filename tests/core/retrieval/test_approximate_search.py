@@ -112,6 +112,7 @@ def test_a_query_without_descriptors_has_no_neighbours(name, kind):
     assert found.row.shape == found.distance.shape == (0, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_training_is_the_same_on_any_number_of_cores(kind):
     sample = descriptors(kind, 22_000, seed=9)
@@ -145,6 +146,7 @@ def test_flann_is_the_same_every_time(kind):
     assert np.array_equal(one.distance, two.distance)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [64, 128])
 def test_among_many_cells_nearly_the_same_are_searched(width):
     rows = 64_000

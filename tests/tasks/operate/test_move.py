@@ -31,6 +31,8 @@ from webapp.store.schema import Account, Job, Photo, QueryRecord
 from webapp.tasks.operate import move
 from webapp.tasks.operate.move import TICKET
 
+pytestmark = pytest.mark.slow  # `test_backup_of_either.py` moves records between both databases, too
+
 
 def files(folder):
     return {
