@@ -1,11 +1,12 @@
 """A local stand-in for Nominatim, the search for places."""
 
 import json
-import threading
 import time
 from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 from urllib.parse import parse_qs, urlsplit
+
+from tests.http_server import QuietHandler, running
 
 LUND = {
     "lat": "55.7029",
@@ -41,7 +42,7 @@ def geocoding():
     """Run a server during the block."""
     geocoder = GeocoderServer()
 
-    class Handler(BaseHTTPRequestHandler):
+    class Handler(QuietHandler, BaseHTTPRequestHandler):
         def do_GET(self):
             geocoder.times.append(time.monotonic())
             geocoder.agents.add(self.headers["User-Agent"])
@@ -55,16 +56,5 @@ def geocoding():
             self.end_headers()
             self.wfile.write(body)
 
-        def log_message(self, *_):
-            pass
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    geocoder.port = server.server_address[1]
-    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
-    thread.start()
-    try:
+    with running(Handler) as geocoder.port:
         yield geocoder
-    finally:
-        server.shutdown()
-        thread.join()
-        server.server_close()

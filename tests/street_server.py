@@ -6,11 +6,13 @@ import threading
 from collections import Counter
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 from PIL import Image
+
+from tests.http_server import QuietHandler, running
 
 TOKEN = "MLY|1|secret"
 
@@ -172,9 +174,7 @@ def street(*shots):
     """Run a server during the block."""
     service = StreetServer(shots)
 
-    class Handler(BaseHTTPRequestHandler):
-        protocol_version = "HTTP/1.1"
-
+    class Handler(QuietHandler, BaseHTTPRequestHandler):
         def do_GET(self):
             parts = urlsplit(self.path)
             query = parse_qs(parts.query)
@@ -203,17 +203,5 @@ def street(*shots):
             if parts.path in service.cut:
                 self.close_connection = True
 
-        def log_message(self, *_):
-            pass
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    server.daemon_threads = True
-    service.port = server.server_address[1]
-    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
-    thread.start()
-    try:
+    with running(Handler) as service.port:
         yield service
-    finally:
-        server.shutdown()
-        thread.join()
-        server.server_close()

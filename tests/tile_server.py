@@ -6,10 +6,12 @@ import threading
 import time
 from collections import Counter
 from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 
 import numpy as np
 from PIL import Image
+
+from tests.http_server import QuietHandler, running
 
 ARM = 3
 RED = (255, 0, 0)
@@ -86,9 +88,7 @@ def serving():
     """Run a server during the block."""
     tiles = TileServer()
 
-    class Handler(BaseHTTPRequestHandler):
-        protocol_version = "HTTP/1.1"
-
+    class Handler(QuietHandler, BaseHTTPRequestHandler):
         def do_GET(self):
             tiles.agents.add(self.headers["User-Agent"])
             status, body = tiles.answer(self.path)
@@ -100,17 +100,5 @@ def serving():
             self.end_headers()
             self.wfile.write(body)
 
-        def log_message(self, *_):
-            pass
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    server.daemon_threads = True
-    tiles.port = server.server_address[1]
-    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
-    thread.start()
-    try:
+    with running(Handler) as tiles.port:
         yield tiles
-    finally:
-        server.shutdown()
-        thread.join()
-        server.server_close()

@@ -1,15 +1,15 @@
 """A local WMS 1.3.0 and WMTS 1.0.0 with an image that has red crosses at known places on the Earth."""
 
 import io
-import threading
 from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 from PIL import Image
 from pyproj import Transformer
 
+from tests.http_server import QuietHandler, running
 from tests.tile_server import ARM, RED
 
 _TO_METRES = Transformer.from_crs("EPSG:4326", "EPSG:3857", always_xy=True)
@@ -170,9 +170,7 @@ def serving():
     """Run a server during the block."""
     maps = MapServer()
 
-    class Handler(BaseHTTPRequestHandler):
-        protocol_version = "HTTP/1.1"
-
+    class Handler(QuietHandler, BaseHTTPRequestHandler):
         def do_GET(self):
             status, kind, body = maps.answer(self.path)
             self.send_response(status)
@@ -183,17 +181,5 @@ def serving():
             self.end_headers()
             self.wfile.write(body)
 
-        def log_message(self, *_):
-            pass
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    server.daemon_threads = True
-    maps.port = server.server_address[1]
-    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
-    thread.start()
-    try:
+    with running(Handler) as maps.port:
         yield maps
-    finally:
-        server.shutdown()
-        thread.join()
-        server.server_close()

@@ -45,7 +45,8 @@ def hear(session: Session, mission: Mission, *, names: Iterable[str], at_s: floa
 
 def note_silences(session: Session, *, at_s: float) -> int:
     """Note which robots have become silent, each once, as an event; return their number."""
-    late = list(session.execute(_late(at_s)))
+    # another worker may be noting the same: what it has locked is left to it
+    late = list(session.execute(_late(at_s).with_for_update(of=RobotHeard, skip_locked=True)))
     for heard, mission in late:
         heard.silence_noted_s = heard.time_s
         _emit(session, mission, outbox.ROBOT_SILENT, heard=heard)

@@ -116,8 +116,8 @@ def _deeds(session: Session, mission: Mission) -> dict[str, Counter[Deed]]:
         count(row.created_by, "drew")
         count(row.searched_by, "searched")
     by_name = select(ObjectChange.by, func.count()).where(ObjectChange.mission_id == mission.id)
-    for who, times in session.execute(by_name.group_by(ObjectChange.by).order_by(ObjectChange.by)):
-        count(who, "set", times=times)
+    for name, times in session.execute(by_name.group_by(ObjectChange.by).order_by(ObjectChange.by)):
+        count(name, "set", times=times)
     for phone in phones.list_phones(session, mission):
         if phone.positions:
             count(phone.name, "phone")

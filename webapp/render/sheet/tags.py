@@ -35,7 +35,7 @@ def numbers_of(text: str, *, family: str) -> list[int]:
     """Parse a list of ids such as `0-11,20`.
 
     Raises:
-        UsageError: It is no such list, or the family has no such id.
+        UsageError: The text is not a list of ids, or one of them is not in the family.
     """
     last = TAG_FAMILIES[family] - 1
     found: dict[int, None] = {}
