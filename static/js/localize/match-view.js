@@ -8,6 +8,7 @@ import { PhotoZoom } from "../shared/photo-zoom.js";
 const GAP = 0.012;
 const SURE = 0.75;
 const FAINT = 0.35;
+const RING = 5;
 
 /**
  * @typedef {Object} Pair
@@ -31,14 +32,7 @@ export function matchView({ query, photo, lines }, { all, shape }) {
     const at = places[n];
     svg.append(element("image", { href: src, x: at.x, y: at.y, width: at.width, height: at.height, preserveAspectRatio: "none" }));
   }
-  const sure = lines.inlier.some(Boolean);
-  const order = lines.inlier.map((_, n) => n).sort((a, b) => lines.inlier[a] - lines.inlier[b]);
-  for (const n of order) {
-    const inlier = Boolean(lines.inlier[n]);
-    if (!inlier && sure && !all) continue;
-    const [from, to] = [shown(lines.query_xy[n], query, places[0]), shown(lines.photo_xy[n], photo, places[1])];
-    svg.append(...line(from, to, { colour: inlier ? colours.inlier : colours.outlier, opacity: inlier || !sure ? SURE : FAINT }));
-  }
+  svg.append(...drawnLines(query, photo, lines, { places, all }));
   const box = h("div", { class: "lo-pair-frame" });
   box.style.aspectRatio = `${frame.width} / ${frame.height}`;
   box.append(svg);
@@ -69,14 +63,27 @@ function layout(query, photo, shape) {
   return { frame: { width: unit, height: above.height * unit }, places };
 }
 
+/** A path for the inliers, and below it one for the outliers: two elements are drawn much sooner than thousands. */
+function drawnLines(query, photo, { query_xy: from, photo_xy: to, inlier }, { places, all }) {
+  const sure = inlier.some(Boolean);
+  const path = (kind) =>
+    inlier
+      .map((is, n) => (Boolean(is) === kind ? line(shown(from[n], query, places[0]), shown(to[n], photo, places[1])) : ""))
+      .join("");
+  const drawn = (d, colour, opacity) =>
+    element("path", { d, stroke: colour, "stroke-opacity": opacity, "stroke-width": 1.25, "vector-effect": "non-scaling-stroke", fill: "none" });
+  const outliers = !sure || all ? [drawn(path(false), colours.outlier, sure ? FAINT : SURE)] : [];
+  return sure ? [...outliers, drawn(path(true), colours.inlier, SURE)] : outliers;
+}
+
 /** Position of a keypoint in the drawing; (0, 0) is a pixel centre. @param {number[]} keypoint */
 function shown([x, y], { width, height }, place) {
   return [place.x + ((x + 0.5) / width) * place.width, place.y + ((y + 0.5) / height) * place.height];
 }
 
-/** @param {number[]} from @param {number[]} to */
-function line([x1, y1], [x2, y2], { colour, opacity }) {
-  const common = { stroke: colour, "stroke-opacity": opacity, "vector-effect": "non-scaling-stroke" };
-  const dot = (cx, cy) => element("circle", { cx, cy, r: 5, fill: "none", "stroke-width": 1.25, ...common });
-  return [element("line", { x1, y1, x2, y2, "stroke-width": 1.25, ...common }), dot(x1, y1), dot(x2, y2)];
+/** A line with a ring at both ends, as a part of a path. @param {number[]} from @param {number[]} to */
+function line(from, to) {
+  const point = ([x, y]) => `${x.toFixed(1)} ${y.toFixed(1)}`;
+  const ring = ([x, y]) => `M${point([x - RING, y])}a${RING} ${RING} 0 1 0 ${2 * RING} 0a${RING} ${RING} 0 1 0 ${-2 * RING} 0`;
+  return `M${point(from)}L${point(to)}${ring(from)}${ring(to)}`;
 }

@@ -18,6 +18,16 @@ export function rafThrottle(run) {
 }
 
 /**
+ * Call a function at most once a frame, after the frame is painted: for what may be seen a moment later than the
+ * answer to a click.
+ * @param {function(): void} run
+ * @returns {function(): void}
+ */
+export function afterPaint(run) {
+  return rafThrottle(() => setTimeout(run));
+}
+
+/**
  * Call a function when its calls have paused.
  * @param {function(...*): void} run
  * @param {number} milliseconds

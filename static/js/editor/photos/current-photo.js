@@ -8,6 +8,7 @@ import { creditLine } from "../../shared/photo-credit.js";
 import { PanoramaView } from "../../shared/panorama-view.js";
 import { PhotoZoom } from "../../shared/photo-zoom.js";
 import { ProgressiveImage } from "../../shared/progressive-image.js";
+import { rafThrottle } from "../../shared/timing.js";
 import { WRITTEN } from "../../shared/written-facts.js";
 import { blurPhotos } from "./blur-photos.js";
 import { isWholeSphere, panoramaDialog } from "./panorama-dialog.js";
@@ -35,12 +36,14 @@ export class CurrentPhoto {
     /** @type {?number} id of the photo that the fields show */
     this.shown = null;
     this._listen();
+    const render = rafThrottle(() => this.render());
     this.store.on("current", () => {
+      this._leave();
       this.zoom.reset();
-      this.render();
+      render();
     });
-    this.store.on("photos placement satellite tool preview", () => this.render());
-    onPositionForm(() => this.render());
+    this.store.on("photos placement satellite tool preview", render);
+    onPositionForm(render);
     this.render();
   }
 
@@ -78,6 +81,7 @@ export class CurrentPhoto {
 
   /** Commit the field being edited: a tap selects another photo before the field loses the focus. */
   _leave() {
+    if (this.store.currentId === this.shown) return;
     [...this.written.values(), this.heading].find((field) => field === document.activeElement)?.blur();
   }
 
@@ -99,7 +103,6 @@ export class CurrentPhoto {
   render() {
     const { store } = this;
     const photo = store.current;
-    if (store.currentId !== this.shown) this._leave();
     byId("current-none").hidden = Boolean(photo);
     byId("current-some").hidden = !photo;
     this._instruction(photo);

@@ -3,7 +3,7 @@
 import { byId, h, icon, queryAll, targetOf } from "../../shared/dom.js";
 import { accuracyText, clockText, offText } from "../../shared/format.js";
 import { labelled, t, tn } from "../../shared/i18n.js";
-import { rafThrottle } from "../../shared/timing.js";
+import { afterPaint } from "../../shared/timing.js";
 import { PHOTOS_TYPE } from "./drop-photos.js";
 import { VirtualGrid } from "../../shared/virtual-grid.js";
 
@@ -22,9 +22,8 @@ export class PhotoGrid {
     this.box = byId("tray-list");
     this.grid = new VirtualGrid(this.box, (id) => this._make(id), (tile, id) => this._update(tile, id), () => this._nameActive());
     this._listen();
-    const render = rafThrottle(() => this.render());
-    this.store.on("photos placement selection", render);
-    this.store.on("current", () => this._showCurrent());
+    this.store.on("photos placement selection", afterPaint(() => this.render()));
+    this.store.on("current", afterPaint(() => this._showCurrent()));
     order.addEventListener("change", () => {
       this.box.scrollTo(0, 0);
       this.render();

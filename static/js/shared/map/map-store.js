@@ -165,6 +165,7 @@ export class MapStore extends EventTarget {
 
   /** Show changes while dragging. @param {Map<number, Object>} preview by id */
   setPreview(preview) {
+    if (!preview.size && !this.preview.size) return;
     this.preview = preview;
     this._unplaced = null;
     this.emit("preview");
@@ -238,6 +239,7 @@ export class MapStore extends EventTarget {
 
   /** @param {"place"|"select"} tool meaning of a click on the image */
   setTool(tool) {
+    if (tool === this.tool) return;
     this.tool = tool;
     this.emit("tool");
   }
