@@ -54,8 +54,8 @@ def simulate(
         pixels = FOCAL * own[:, :2] / own[:, 2:] + [(WIDTH - 1) / 2.0, (HEIGHT - 1) / 2.0]
         pixels += rng.normal(0.0, CORNER_PX, (4, 2))
         tags.append(replace(tag, corners=pixels, heading_rad=math.pi if headings else None))
-    lens = Lens(WIDTH, HEIGHT, FOCAL * math.exp(rng.normal(0.0, focal_sigma)))
-    found = solve_by_tags(tags, lens=lens, focal_sigma=focal_sigma)
+    lens = Lens(WIDTH, HEIGHT, FOCAL * math.exp(rng.normal(0.0, focal_sigma)), focal_sigma=focal_sigma)
+    found = solve_by_tags(tags, lens=lens)
     if isinstance(found, NoPose):
         return math.inf, 0.0, False
     off = [math.dist(pose.centre[:2], centre[:2]) for pose in found.poses]

@@ -1,5 +1,7 @@
 """Camera poses computed from points, with ground truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -50,6 +52,35 @@ def test_the_covariance_is_the_scatter_of_the_answers(rng):
     stated = np.mean([np.sqrt(np.diag(pose.covariance)) for pose in found], 0)
     off = [[*(pose.centre - CENTRE), *so3.log(pose.rotation @ ROTATION.T)] for pose in found]
     np.testing.assert_allclose(np.std(off, 0), stated, rtol=0.35)
+
+
+@pytest.mark.parametrize(("factor", "sigma"), [(1.06, 0.03), (0.87, 0.15), (1.3, 0.15)])
+def test_a_wrong_focal_length_is_corrected_where_the_points_determine_it(rng, factor, sigma):
+    xy, at = scene(rng, noise=0.5)
+    xy[::4] = rng.uniform(0.0, 600.0, (30, 2))
+    stated = replace(LENS, focal_px=factor * LENS.focal_px)
+    given = absolute_pose(xy, at, lens=stated)
+    refined = absolute_pose(xy, at, lens=replace(stated, focal_sigma=sigma))
+    off = [np.linalg.norm(pose.centre - CENTRE) for pose in (refined, given)]
+    assert off[0] < 0.05
+    assert off[1] > 10.0 * off[0]
+    assert refined.lens.focal_px == pytest.approx(LENS.focal_px, rel=0.02)
+    assert refined.inlier.sum() > given.inlier.sum()
+
+
+def test_what_a_distant_plane_leaves_open_of_the_focal_length_is_in_the_covariance(rng):
+    """Focal length and distance of a plane across the line of sight cannot be separated."""
+    own = np.column_stack([rng.uniform(-8, 8, (100, 2)), np.full(100, 20.0)])
+    at = own @ ROTATION + CENTRE
+    distances = []
+    for _ in range(40):
+        xy = project(at, lens=LENS, rotation=ROTATION, centre=CENTRE) + rng.normal(0.0, 0.5, (100, 2))
+        lens = replace(LENS, focal_px=LENS.focal_px * np.exp(rng.normal(0.0, 0.1)), focal_sigma=0.1)
+        pose = absolute_pose(xy, at, lens=lens)
+        off = pose.centre - CENTRE
+        distances.append(off @ np.linalg.solve(pose.covariance[:3, :3], off) / 3.0)
+        assert np.sqrt(np.trace(pose.covariance[:3, :3])) > 0.5
+    assert 0.5 < np.median(distances) < 1.3
 
 
 def test_few_or_contradicting_points_give_no_camera(rng):

@@ -24,7 +24,7 @@ def seen(tag, *, noise=0.0, rng=None, turned=None, at=None):
 
 
 def solved(tags, **options):
-    found = solve_by_tags(tags, lens=LENS, focal_sigma=options.pop("focal_sigma", 0.01))
+    found = solve_by_tags(tags, lens=replace(LENS, focal_sigma=options.pop("focal_sigma", 0.01)))
     assert not isinstance(found, NoPose), found
     return found
 
@@ -51,7 +51,7 @@ def test_two_tags_need_no_headings():
 
 def test_one_tag_without_a_heading_gives_only_its_distance():
     tag = replace(seen(tag_at((0, 0, 0), heading_deg=160.0)), heading_rad=None)
-    assert not solve_by_tags([tag], lens=LENS, focal_sigma=0.01)
+    assert not solve_by_tags([tag], lens=replace(LENS, focal_sigma=0.01))
     assert distance_to(tag, lens=LENS) == pytest.approx(math.hypot(1.0, 3.0), abs=0.03)
 
 
@@ -106,8 +106,8 @@ def _is_held(count, distance, *, focal_sigma, headings, rng):
         corners = corners_of(stated, at, centre=centre, rotation=rotation, turned=turned)
         heading = stated.heading_rad if headings else None
         tags.append(replace(stated, corners=corners + rng.normal(0.0, 0.2, (4, 2)), heading_rad=heading))
-    lens = replace(LENS, focal_px=FOCAL * math.exp(rng.normal(0.0, focal_sigma)))
-    found = solve_by_tags(tags, lens=lens, focal_sigma=focal_sigma)
+    lens = replace(LENS, focal_px=FOCAL * math.exp(rng.normal(0.0, focal_sigma)), focal_sigma=focal_sigma)
+    found = solve_by_tags(tags, lens=lens)
     # the radius is stated for the case that the hypothesis is right
     off, radius = min((math.dist(p.centre[:2], centre[:2]), p.radius_m) for p in found.poses)
     return off <= radius

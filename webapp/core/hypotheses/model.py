@@ -77,12 +77,20 @@ class Evidence:
     inlier: NDArray[np.bool_]
 
 
+_FOCAL_SIGMA = {"option": 0.01, "exif": 0.03, "guess": 0.15}
+
+
 @dataclass(frozen=True, slots=True)
 class FieldOfView:
     """Horizontal field of view of an upright photo, and its source."""
 
     degrees: float
     source: Literal["option", "exif", "guess"]  #
+
+    @property
+    def focal_sigma(self) -> float:
+        """Standard deviation of the focal length, as a fraction of it."""
+        return _FOCAL_SIGMA[self.source]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,8 @@
 """Pose of a camera in a landmark cloud: descriptor matching, then perspective-three-point in a RANSAC.
 
+The focal length, which may be a guess, is refined with the pose, and the covariance includes what the points
+leave open of it.
+
 Matching is exact and only against points that photos like the query see (covisibility): T. Sattler, B. Leibe,
 L. Kobbelt, "Efficient & effective prioritized matching for large-scale image-based localization", 2017.
 """
@@ -7,7 +10,7 @@ L. Kobbelt, "Efficient & effective prioritized matching for large-scale image-ba
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import faiss
@@ -43,6 +46,8 @@ _BUNDLE = {"max_iterations": 25, "loss_type": "CAUCHY"}
 _LEAST_SIGMA = 0.0005
 """Lower limit of a keypoint's standard deviation, as a fraction of the longer side."""
 
+_REFINEMENTS, _STEPS, _SETTLED = 3, 20, 1e-6
+"""Rounds with new inliers, steps of a round, and relative change of the cost that ends it."""
 
 _UNDISTORT_ROUNDS, _LEAST_WIDENING = 10, 0.1
 """Fixed-point undistortion: iterations, and lower limit of the divisor."""
@@ -58,6 +63,7 @@ class Lens:
     focal_px: float
     # Radial coefficient of the squared distance from the centre at depth 1 (COLMAP's SIMPLE_RADIAL).
     distortion: float = 0.0
+    focal_sigma: float = 0.0  # Standard deviation of the focal length, as a fraction of it; 0: it is exact.
 
     @property
     def longer_px(self) -> int:
@@ -75,6 +81,7 @@ class AbsolutePose:
     covariance: Array
     inlier: NDArray[np.bool_]  # (m,) bool. Which matches agree.
     score: float  # MSAC score, in matches
+    lens: Lens  # With the focal length that was estimated
 
 
 def match_points(
@@ -151,13 +158,15 @@ def absolute_pose(xy: Array, points: Array, *, lens: Lens) -> AbsolutePose | NoP
     if inlier.sum() < MIN_INLIERS:
         return NoPose(f"{int(inlier.sum())} landmarks agree, {MIN_INLIERS} needed")
     rotation = np.asarray(pose.R, np.float64)
-    centre = -rotation.T @ np.asarray(pose.t, np.float64)
-    off = xy[inlier] - project(points[inlier], lens=lens, rotation=rotation, centre=centre)
-    covariance = _covariance(off, points[inlier], lens=lens, rotation=rotation, centre=centre)
+    found = _State(lens, rotation, -rotation.T @ np.asarray(pose.t, np.float64))
+    if lens.focal_sigma:
+        found, inlier = _with_focal(found, xy, points, inlier=inlier, limit=limit)
+    off = found.off(xy[inlier], points[inlier])
+    covariance = _covariance(found, off, points[inlier])
     if covariance is None:
         return NoPose("the landmarks do not determine the camera's position")
     score = float(truncated_quadratic((off**2).sum(1), limit).sum())
-    return AbsolutePose(centre, rotation, covariance, inlier, score)
+    return AbsolutePose(found.centre, found.rotation, covariance, inlier, score, found.lens)
 
 
 def project(points: Array, *, lens: Lens, rotation: Array, centre: Array) -> Array:
@@ -182,22 +191,105 @@ def ray_of_pixel(xy: Array, *, lens: Lens) -> Array:
     return unit
 
 
-def _covariance(off: Array, points: Array, *, lens: Lens, rotation: Array, centre: Array) -> Array | None:
-    """Invert the normal matrix and scale it by the residuals `off`; None if it is singular."""
-    own = (points - centre) @ rotation.T
-    by_own = projection_jacobian(own, focal_px=lens.focal_px, distortion=lens.distortion)
-    cross = np.zeros((len(points), 3, 3))
-    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -own[:, 2], own[:, 1], -own[:, 0]
-    cross -= np.swapaxes(cross, 1, 2)
-    jacobian = np.concatenate([-by_own @ rotation, -by_own @ cross], 2).reshape(-1, 6)
+@dataclass(frozen=True, slots=True, eq=False)
+class _State:
+    """A camera that is estimated."""
+
+    lens: Lens
+    rotation: Array  # (3, 3) float64. Camera from world.
+    centre: Array  # (3,) float64
+
+    def off(self, xy: Array, points: Array) -> Array:
+        """Residuals (m, 2), pixels."""
+        return xy - project(points, lens=self.lens, rotation=self.rotation, centre=self.centre)
+
+    def moved(self, step: Array) -> _State:
+        """Add a step (7,): of the centre, of a rotation in the camera's frame, of log focal length."""
+        lens = replace(self.lens, focal_px=self.lens.focal_px * float(np.exp(step[6])))
+        return _State(lens, so3.exp(step[3:6]) @ self.rotation, self.centre + step[:3])
+
+    def jacobian(self, points: Array) -> Array:
+        """Derivatives (m, 2, 7) of the projections by such a step."""
+        own = (points - self.centre) @ self.rotation.T
+        by_own = projection_jacobian(own, focal_px=self.lens.focal_px, distortion=self.lens.distortion)
+        cross = np.zeros((len(points), 3, 3))
+        cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -own[:, 2], own[:, 1], -own[:, 0]
+        cross -= np.swapaxes(cross, 1, 2)
+        middle = np.array([(self.lens.width - 1) / 2.0, (self.lens.height - 1) / 2.0])
+        seen = project(points, lens=self.lens, rotation=self.rotation, centre=self.centre) - middle
+        return np.concatenate([-by_own @ self.rotation, -by_own @ cross, seen[:, :, None]], 2)
+
+
+def _with_focal(
+    begun: _State, xy: Array, points: Array, *, inlier: NDArray[np.bool_], limit: float
+) -> tuple[_State, NDArray[np.bool_]]:
+    """Refine pose and focal length; matches that agree only then become inliers."""
+    given = begun.lens.focal_px
+    best, score = (begun, inlier), _score(begun, xy, points, limit=limit)
+    state = begun
+    for _ in range(_REFINEMENTS):
+        state = _adjusted(state, xy[inlier], points[inlier], given=given, limit=limit)
+        inlier = (state.off(xy, points) ** 2).sum(1) < limit**2
+        better = _score(state, xy, points, limit=limit)
+        if inlier.sum() < MIN_INLIERS or better <= score:
+            break
+        best, score = (state, inlier), better
+    return best
+
+
+def _score(state: _State, xy: Array, points: Array, *, limit: float) -> float:
+    return float(truncated_quadratic((state.off(xy, points) ** 2).sum(1), limit).sum())
+
+
+def _adjusted(state: _State, xy: Array, points: Array, *, given: float, limit: float) -> _State:
+    """Minimise a Cauchy loss, with the given focal length as a prior (Levenberg-Marquardt)."""
+    scale = (limit / 3.0) ** 2
+    least = _LEAST_SIGMA * state.lens.longer_px
+    sigma = max(float(np.sqrt((state.off(xy, points) ** 2).mean())), least)
+
+    def cost(one: _State) -> float:
+        squared = (one.off(xy, points) ** 2).sum(1)
+        prior = np.log(one.lens.focal_px / given) / one.lens.focal_sigma
+        return float(scale * np.log1p(squared / scale).sum() / sigma**2 + prior**2)
+
+    damping, now = 1e-4, cost(state)
+    for _ in range(_STEPS):
+        off, jacobian = state.off(xy, points), state.jacobian(points)
+        weight = (1.0 / (1.0 + (off**2).sum(1) / scale) / sigma**2)[:, None]
+        normal = np.einsum("nki,nk,nkj->ij", jacobian, weight + np.zeros_like(off), jacobian)
+        gradient = np.einsum("nki,nk->i", jacobian, weight * off)
+        normal[6, 6] += state.lens.focal_sigma**-2.0
+        gradient[6] -= np.log(state.lens.focal_px / given) * state.lens.focal_sigma**-2.0
+        step = np.linalg.solve(normal + damping * np.diag(np.diagonal(normal) + 1e-300), gradient)
+        trial = state.moved(step)
+        after = cost(trial)
+        if not after < now:
+            damping *= 10.0
+            continue
+        settled = now - after < _SETTLED * now
+        state, now, damping = trial, after, damping / 10.0
+        if settled:
+            break
+    return state
+
+
+def _covariance(state: _State, off: Array, points: Array) -> Array | None:
+    """Invert the normal matrix, scaled by the residuals `off`; None if it is singular."""
+    lens = state.lens
     free = max(off.size - 6, 1)
     sigma = max(float(np.sqrt((off**2).sum() / free)), _LEAST_SIGMA * lens.longer_px)
-    scale = np.sqrt((jacobian**2).sum(0))
-    normal = (jacobian / scale).T @ (jacobian / scale)
+    jacobian = state.jacobian(points).reshape(-1, 7) / sigma
+    if not lens.focal_sigma:
+        jacobian = jacobian[:, :6]
+    normal = jacobian.T @ jacobian
+    if lens.focal_sigma:
+        normal[6, 6] += lens.focal_sigma**-2.0
+    scale = np.sqrt(np.diagonal(normal))
+    normal /= np.outer(scale, scale)
     if not np.isfinite(normal).all() or np.linalg.cond(normal) > 1e12:
         return None
-    covariance: Array = sigma**2 * np.linalg.inv(normal) / np.outer(scale, scale)
-    return covariance
+    covariance: Array = np.linalg.inv(normal) / np.outer(scale, scale)
+    return covariance[:6, :6]
 
 
 def projection_jacobian(own: Array, *, focal_px: Array | float, distortion: Array | float) -> Array:

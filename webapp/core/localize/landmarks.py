@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.estimate import NoPose
 from webapp.core.geometry.relative_pose import Camera, RelativePose
 from webapp.core.hypotheses.calibration import DEFAULT, weigh
-from webapp.core.hypotheses.model import Answer, CameraPose
+from webapp.core.hypotheses.model import Answer, CameraPose, FieldOfView
 from webapp.core.landmarks.absolute_pose import (
     AbsolutePose,
     Lens,
@@ -45,6 +45,12 @@ Array = NDArray[np.float64]
 _GROUPS = 4
 """Number of groups of photos that are tried, those with the best photos."""
 
+_GUESSES = (0.7, 1.0, 1.4)
+"""Focal lengths that are tried, over a guessed one."""
+
+_FOCAL_SIGMA_OF_GROUP = 0.01
+"""Standard deviation of the focal lengths of photos of one size, as a fraction of their median."""
+
 _RADIUS_OVER_SIGMA = 1.515
 """68 % radius of an isotropic Gaussian error in the plane, over its standard deviation along an axis."""
 
@@ -52,7 +58,7 @@ _RADIUS_OVER_SIGMA = 1.515
 @dataclass(frozen=True, slots=True, eq=False)
 class _Query:
     features: Features
-    fov_deg: float
+    fov: FieldOfView
     votes: Array
 
 
@@ -60,7 +66,7 @@ def find_by_landmarks(
     indexed: IndexedMap,
     query: Features,
     *,
-    fov_deg: float,
+    fov: FieldOfView,
     aligned: AlignedCloud,
     hide: Collection[int] = (),
 ) -> PlaceSearch:
@@ -68,7 +74,6 @@ def find_by_landmarks(
 
     Args:
         indexed: Indexed with the features of the cloud: SIFT.
-        fov_deg: Horizontal field of view of the upright query.
         hide: Experience ids to leave out. Landmarks that fewer than two other photos see are left out, too;
             the positions of the remaining landmarks were estimated with the hidden photos.
     """
@@ -78,7 +83,7 @@ def find_by_landmarks(
     listed, further = retrieved.listed, retrieved.further
     clock.append(time.perf_counter())
     photos = np.array([one.photo for one in listed], np.int64)
-    places = _places(indexed, _Query(query, fov_deg, retrieved.votes), photos, aligned=aligned, hide=hide)
+    places = _places(indexed, _Query(query, fov, retrieved.votes), photos, aligned=aligned, hide=hide)
     clock.append(time.perf_counter())
     by_pose = [photo for place in places for photo in place.photos]
     named = {photo.matched.photo for photo in by_pose}
@@ -178,15 +183,18 @@ def _place(
 def _lenses(indexed: IndexedMap, query: _Query, group: PhotoGroup, *, aligned: AlignedCloud) -> list[Lens]:
     """List candidate lenses of the query: the given one, and the median of the group's photos of its size.
 
-    The reconstruction has estimated theirs more accurately than EXIF, and the given one may be a guess.
+    The reconstruction has estimated theirs more accurately than EXIF. Around a guess there are several, since
+    the refinement of the focal length only starts where enough landmarks agree.
     """
-    size = query.features.photo_size
-    stated = Lens(*size, Camera(*size, query.fov_deg).focal_px)
+    size, fov = query.features.photo_size, query.fov
+    focal_px, factors = Camera(*size, fov.degrees).focal_px, _GUESSES if fov.source == "guess" else (1.0,)
+    stated = [Lens(*size, factor * focal_px, focal_sigma=fov.focal_sigma) for factor in factors]
     same = [n for n in group.photos if indexed.photo_size(int(aligned.map_photo[n])) == size]
     if not same:
-        return [stated]
+        return stated
     theirs = aligned.cloud.focal_px[same], aligned.cloud.distortion[same]
-    return [stated, Lens(*size, *(float(np.median(one)) for one in theirs))]
+    usual = Lens(*size, *(float(np.median(one)) for one in theirs))
+    return [*stated, replace(usual, focal_sigma=_FOCAL_SIGMA_OF_GROUP)]
 
 
 def _on_map(pose: AbsolutePose, frame: Array, at: MapPoint) -> tuple[CameraPose, float]:

@@ -124,37 +124,28 @@ class _State:
         )
 
 
-def solve_by_tags(tags: Sequence[PlacedTag], *, lens: Lens, focal_sigma: float) -> SolvedByTags | NoPose:
+def solve_by_tags(tags: Sequence[PlacedTag], *, lens: Lens) -> SolvedByTags | NoPose:
     """Estimate the poses of a camera from the tags that it sees.
 
     Args:
         tags: At least one; each is at one place.
-        focal_sigma: Standard deviation of the focal length, as a fraction of it.
     """
     if len(tags) == 1 and tags[0].heading_rad is None:
         return NoPose("one tag whose heading is not known: give its heading, or show a second tag")
-    poses, misfit = _poses(tags, lens=lens, focal_sigma=focal_sigma)
+    poses, misfit = _poses(tags, lens=lens)
     if misfit <= _MOST_MISFIT:
         return SolvedByTags(poses)
     if len(tags) == 2:
-        alone = [
-            pose
-            for tag in tags
-            if tag.heading_rad is not None
-            for pose in _poses([tag], lens=lens, focal_sigma=focal_sigma)[0]
-        ]
+        alone = [pose for tag in tags if tag.heading_rad is not None for pose in _poses([tag], lens=lens)[0]]
         if not alone:
             return NoPose(f"the tags {tags[0].name} and {tags[1].name} contradict each other")
         shared = sum(pose.weight for pose in alone)
         evened = (_weighed(pose, pose.weight / shared) for pose in alone)
         names = tuple(tag.name for tag in tags)
         return SolvedByTags(tuple(sorted(evened, key=lambda pose: -pose.weight)), names)
-    without = [
-        (_poses([*tags[:n], *tags[n + 1 :]], lens=lens, focal_sigma=focal_sigma)[1], n)
-        for n in range(len(tags))
-    ]
+    without = [(_poses([*tags[:n], *tags[n + 1 :]], lens=lens)[1], n) for n in range(len(tags))]
     worst = min(without)[1]
-    rest = solve_by_tags([*tags[:worst], *tags[worst + 1 :]], lens=lens, focal_sigma=focal_sigma)
+    rest = solve_by_tags([*tags[:worst], *tags[worst + 1 :]], lens=lens)
     if isinstance(rest, NoPose):
         return rest
     return SolvedByTags(rest.poses, (tags[worst].name, *rest.contradicting))
@@ -178,9 +169,9 @@ def _weighed(pose: TagPose, weight: float) -> TagPose:
     return TagPose(pose.centre, pose.rotation, pose.covariance, weight, pose.tags)
 
 
-def _poses(tags: Sequence[PlacedTag], *, lens: Lens, focal_sigma: float) -> tuple[tuple[TagPose, ...], float]:
+def _poses(tags: Sequence[PlacedTag], *, lens: Lens) -> tuple[tuple[TagPose, ...], float]:
     """Return the different poses that fit, the best first, and the misfit of the best one."""
-    problem = _Problem(tags, lens, focal_sigma)
+    problem = _Problem(tags, lens)
     found = sorted((problem.solve(start) for start in _starts(tags, lens)), key=lambda one: one[1])
     if not found:
         return (), math.inf
@@ -263,9 +254,9 @@ def _heading_of(turned: Array, mount: TagMount) -> float:
 class _Problem:
     """Least squares over the state, with priors."""
 
-    def __init__(self, tags: Sequence[PlacedTag], lens: Lens, focal_sigma: float) -> None:
+    def __init__(self, tags: Sequence[PlacedTag], lens: Lens) -> None:
         self._tags, self._lens = tags, lens
-        self._focal_sigma = max(focal_sigma, 1e-4)
+        self._focal_sigma = max(lens.focal_sigma, 1e-4)
         self._shape = np.array([tag.shape for tag in tags])
         self._corners = np.array([tag.corners for tag in tags])
         self._at = np.array([tag.at for tag in tags])

@@ -16,7 +16,7 @@ import numpy as np
 
 from webapp.core.features.types import Features
 from webapp.core.hypotheses.calibration import DEFAULT
-from webapp.core.hypotheses.model import Answer, Hypothesis
+from webapp.core.hypotheses.model import Answer, FieldOfView, Hypothesis
 from webapp.core.localize.landmarks import find_by_landmarks
 from webapp.core.localize.verified import with_probabilities
 from webapp.core.mapmodel.model import Experience, Map
@@ -53,7 +53,7 @@ class LandmarksAround:
     build: bool  # Whether to reconstruct the surroundings at once, if that has not been done
 
     def refine(
-        self, answer: Answer, opened: OpenMap, *, query: Features, fov_deg: float, hide: Collection[int]
+        self, answer: Answer, opened: OpenMap, *, query: Features, fov: FieldOfView, hide: Collection[int]
     ) -> Answer:
         """Refine the first hypothesis to a pose from landmarks around it, within the map's place radius.
 
@@ -62,7 +62,6 @@ class LandmarksAround:
 
         Args:
             answer: With ids of experiences, and headings clockwise from image-up.
-            fov_deg: Horizontal field of view of the upright query.
         """
         if answer.abstained:
             return replace(answer, note="no place is likely enough to look for landmarks around it")
@@ -73,7 +72,7 @@ class LandmarksAround:
             return replace(answer, note=error.message)
         if folder is None:
             return replace(answer, note=NOT_YET)
-        found = _solve(opened, folder, query=query, near=first, fov_deg=fov_deg, hide=hide)
+        found = _solve(opened, folder, query=query, near=first, fov=fov, hide=hide)
         if found is None:
             return replace(answer, note="too few landmarks around this place agree with the photo")
         solved = replace(
@@ -150,7 +149,7 @@ def _solve(
     *,
     query: Features,
     near: Hypothesis,
-    fov_deg: float,
+    fov: FieldOfView,
     hide: Collection[int],
 ) -> Hypothesis | None:
     """Solve the camera from the landmarks in a folder; None if that fails, or it is not near the place."""
@@ -158,7 +157,7 @@ def _solve(
     if aligned is None:
         return None
     indexed = opened.indexed
-    search = find_by_landmarks(indexed, query, fov_deg=fov_deg, aligned=aligned, hide=hide)
+    search = find_by_landmarks(indexed, query, fov=fov, aligned=aligned, hide=hide)
     solved = with_probabilities(indexed, search, calibration=DEFAULT, top=len(search.places))
     close = (
         h

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,11 +16,14 @@ from numpy.typing import NDArray
 
 from webapp.core.features.blank import why_blank
 from webapp.core.features.global_descriptor import GlobalDescriptor
+from webapp.core.features.types import Features
 from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.hypotheses.calibration import DEFAULT, Calibration, Case, fit, probabilities
+from webapp.core.hypotheses.model import FieldOfView
+from webapp.core.landmarks.cloud import AlignedCloud
 from webapp.core.localize.landmarks import find_by_landmarks
 from webapp.core.localize.places import LocatedPlace, PlaceCandidate, locate
-from webapp.core.localize.verified import find_places
+from webapp.core.localize.verified import PlaceSearch, find_places
 from webapp.core.retrieval.indexed import IndexedMap
 from webapp.errors import PhotoError, TableError, UsageError
 from webapp.files.contents import local
@@ -218,9 +221,15 @@ def _trials_key(opened: OpenMap) -> str:
 
 def _tried(opened: OpenMap) -> TriedMap:
     if opened.landmarks is not None:
-        find = partial(find_by_landmarks, opened.indexed, aligned=opened.landmarks)
-        return TriedMap(opened.indexed, find=find)
+        return TriedMap(opened.indexed, find=partial(_find_by_landmarks, opened.indexed, opened.landmarks))
     return TriedMap(opened.indexed, orient_map.sightings(opened))
+
+
+def _find_by_landmarks(
+    indexed: IndexedMap, aligned: AlignedCloud, features: Features, *, fov_deg: float, hide: Collection[int]
+) -> PlaceSearch:
+    fov = FieldOfView(fov_deg, "exif")
+    return find_by_landmarks(indexed, features, fov=fov, aligned=aligned, hide=hide)
 
 
 def _open_again(files: MapSource) -> TriedMap:

@@ -87,7 +87,7 @@ class PoseRefinement(Protocol):
     """Refines an answer to a camera pose; see `LandmarksAround`."""
 
     def refine(
-        self, answer: Answer, opened: OpenMap, *, query: Features, fov_deg: float, hide: Collection[int]
+        self, answer: Answer, opened: OpenMap, *, query: Features, fov: FieldOfView, hide: Collection[int]
     ) -> Answer:
         """Refine the first hypothesis."""
 
@@ -130,9 +130,7 @@ class Look:
             return self._of_photo(to_experiences(answer, opened), photo, watch)
         if opened.landmarks is not None:
             fovs: tuple[float, ...] = (photo.fov.degrees,)
-            found = [
-                find_by_landmarks(indexed, features, fov_deg=fovs[0], aligned=opened.landmarks, hide=hide)
-            ]
+            found = [find_by_landmarks(indexed, features, fov=photo.fov, aligned=opened.landmarks, hide=hide)]
         else:
             fovs, depths = self._fields_of_view(photo), self._depths_without(hide) if hide else None
             found = find_places_by_fov(
@@ -143,8 +141,8 @@ class Look:
             nothing = _nothing_to_see(features, why_too_few(features), fov=photo.fov)
             return self._of_photo(nothing, photo, watch)
         if self.around is not None:
-            fov_deg = photo.fov.degrees if answer.fov is None else answer.fov.degrees
-            answer = self.around.refine(answer, opened, query=features, fov_deg=fov_deg, hide=hide)
+            fov = answer.fov or photo.fov
+            answer = self.around.refine(answer, opened, query=features, fov=fov, hide=hide)
         return self._of_photo(answer, photo, watch)
 
     def _fields_of_view(self, photo: QueryPhoto) -> tuple[float, ...]:

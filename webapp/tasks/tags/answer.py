@@ -36,9 +36,6 @@ from webapp.settings import Settings
 _MAX_SIDE_PX = 4096
 """Photos are searched for tags at this size."""
 
-_FOCAL_SIGMA: Mapping[str, float] = {"option": 0.01, "exif": 0.03, "guess": 0.15}
-"""Standard deviation of the focal length as a fraction of it, by its source."""
-
 _HEIGHT_SIGMA_M, _UNKNOWN_HEIGHT_SIGMA_M = 0.05, 1.0
 _CLICK_PX = 1.0
 """Standard deviation of the position of a tag without a stated accuracy, map pixels."""
@@ -66,10 +63,6 @@ class _Query:
     tags: tuple[SeenTag, ...]
     lens: Lens
     fov: FieldOfView
-
-    @property
-    def focal_sigma(self) -> float:
-        return _FOCAL_SIGMA[self.fov.source]
 
 
 def has_tags(the_map: Map) -> bool:
@@ -128,7 +121,8 @@ def _read(path: Path, the_map: Map, *, settings: Settings, fov_deg: float | None
         fov = FieldOfView(facts.fov_deg, "exif")
     else:
         fov = FieldOfView(guessed_fov_deg(*gray.full_size), "guess")
-    return _Query(tags, Lens(*gray.full_size, Camera(*gray.full_size, fov.degrees).focal_px), fov)
+    focal_px = Camera(*gray.full_size, fov.degrees).focal_px
+    return _Query(tags, Lens(*gray.full_size, focal_px, focal_sigma=fov.focal_sigma), fov)
 
 
 _Placing = list[tuple[SeenTag, GroundControlPoint]]
@@ -144,7 +138,7 @@ def _solve(query: _Query, the_map: Map, georeference: Georeference) -> TagAnswer
         frame = _Frame.of(placing, the_map, georeference)
         placed = [frame.placed(tag, point) for tag, point in placing]
         share = 1.0 / len(placings)
-        solved = solve_by_tags(placed, lens=query.lens, focal_sigma=query.focal_sigma)
+        solved = solve_by_tags(placed, lens=query.lens)
         if isinstance(solved, SolvedByTags):
             notes.append("by " + _listed(solved.poses[0].tags))
             found += [frame.hypothesis(pose, share=share) for pose in solved.poses]
@@ -154,7 +148,7 @@ def _solve(query: _Query, the_map: Map, georeference: Georeference) -> TagAnswer
             continue
         notes.append(solved.reason)
         if len(placed) == 1:
-            apart_m = distance_to(placed[0], lens=query.lens) * (1.0 + query.focal_sigma)
+            apart_m = distance_to(placed[0], lens=query.lens) * (1.0 + query.lens.focal_sigma)
             found.append(frame.ring(placed[0], apart_m, share=share))
     note = "; ".join(dict.fromkeys(notes))
     if not found:
