@@ -116,10 +116,13 @@ map_group = LazyGroup(
             "webapp.cli.street:street_photos", "Add street-level photos from Panoramax or Mapillary."
         ),
         "cut-panoramas": LazyCommand(
-            "webapp.cli.panoramas:cut_panoramas", "Cut panoramas into level perspective views."
+            "webapp.cli.cut:cut_panoramas", "Cut panoramas into level perspective views."
+        ),
+        "cut-video": LazyCommand(
+            "webapp.cli.cut:cut_video", "Make photos of the sharp, spread frames of a video."
         ),
         "join-panoramas": LazyCommand(
-            "webapp.cli.panoramas:join_panoramas", "Join photos from several cameras into panoramas."
+            "webapp.cli.cut:join_panoramas", "Join photos from several cameras into panoramas."
         ),
     },
 )

@@ -1,8 +1,9 @@
-"""`expmap map cut-panoramas` and `join-panoramas`: cut panoramas into views, and join photos to panoramas."""
+"""`expmap map cut-panoramas`, `cut-video` and `join-panoramas`: photos of panoramas and videos."""
 
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict
 from pathlib import Path
 
@@ -11,11 +12,16 @@ import click
 from webapp.cli.exitcodes import SOME_FAILED
 from webapp.cli.progressbar import terminal_progress
 from webapp.configuration import load_settings
+from webapp.errors import UsageError
+from webapp.files.exchange.times import unix_time
 from webapp.files.photos.panorama import read_rig
 from webapp.tasks.maps.panoramas import CutOptions, CutPhoto, JoinedPanorama, JoinOptions
 from webapp.tasks.maps.panoramas import cut_panoramas as cut
 from webapp.tasks.maps.panoramas import join_panoramas as join
+from webapp.tasks.video.cut_video import CutVideoOptions
+from webapp.tasks.video.cut_video import cut_video as photos_of_video
 
+_FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 _FOLDER = click.Path(file_okay=False, path_type=Path)
 _ELEVATION = click.FloatRange(0.0, 90.0)
 
@@ -125,3 +131,62 @@ def join_panoramas(
 
 def _joined_line(one: JoinedPanorama) -> str:
     return f"{one.panorama}  {one.problem or ('joined' if one.is_new else 'already there')}"
+
+
+@click.command("cut-video", short_help="Make photos of the sharp, spread frames of a video.")
+@click.argument("video", metavar="VIDEO", type=_FILE)
+@click.option("-o", "--out", required=True, type=_FOLDER, metavar="FOLDER", help="Where the photos go.")
+@click.option(
+    "--track", type=_FILE, metavar="FILE",
+    help="Its positions: SRT of a drone, or GPX; default: in the video (GoPro), or an SRT of the same name.",
+)  # fmt: skip
+@click.option(
+    "--starts", metavar="TIME",
+    help="When it begins, such as 2026-05-01T10:00:00Z; default: as the video says.",
+)  # fmt: skip
+@click.option(
+    "--spread", default=25.0, show_default=True, type=click.FloatRange(2.0, 100.0), metavar="PERCENT",
+    help="How far the view moves between two photos, in percent of its width.",
+)  # fmt: skip
+@click.option(
+    "--most", default=1000, show_default=True, type=click.IntRange(1), metavar="N", help="Number of photos."
+)
+@click.option(
+    "--fov", type=click.FloatRange(1.0, 179.0), metavar="DEGREES",
+    help="Horizontal field of view, to be written into the photos.",
+)  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def cut_video(
+    video: Path,
+    out: Path,
+    track: Path | None,
+    starts: str | None,
+    spread: float,
+    most: int,
+    fov: float | None,
+    as_json: bool,
+) -> None:
+    """Make photos of a video, for a map or as queries: where the view has moved on, the sharpest frame.
+
+    They have the time, and where it was recorded the position, in their EXIF; `expmap map from-photos` makes
+    a map of them. Those without a position are placed with the others, as any photos. Run it again after an
+    interruption: the same frames are chosen, and written again.
+    """
+    options = CutVideoOptions(spread / 100.0, most, fov, _moment(starts), track)
+    with terminal_progress("seconds") as progress:
+        done = photos_of_video(video, out, options=options, limits=load_settings().photo, progress=progress)
+    if as_json:
+        click.echo(json.dumps(asdict(done)))
+        return
+    for note in done.notes:
+        click.echo(f"{video}: {note}", err=True)
+    click.echo(f"{out}: {len(done.photos)} photos, {done.with_position} with a position")
+
+
+def _moment(text: str | None) -> float | None:
+    if text is None:
+        return None
+    moment = unix_time(text)
+    if math.isnan(moment):
+        raise UsageError(f"{text!r} is not a time", where="--starts", hint="such as 2026-05-01T10:00:00Z")
+    return moment
