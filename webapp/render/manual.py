@@ -20,10 +20,13 @@ if TYPE_CHECKING:
 CHAPTERS: Mapping[str, Sequence[str]] = {
     "Maps": (
         "make-a-map",
+        "editor",
         "first-map",
         "localize",
         "view",
         "dozen-clicks",
+        "drone-photos",
+        "landmarks",
         "tags",
         "floors",
         "photos",
@@ -37,8 +40,27 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "sharing",
         "field",
     ),
-    "Localization": ("localization", "features", "large-maps", "scale", "measurements", "notation"),
-    "Robots": ("missions", "robots", "mavlink", "ros", "foxglove", "tak", "fusion", "mission-exports"),
+    "Localization": (
+        "localization",
+        "methods",
+        "features",
+        "large-maps",
+        "scale",
+        "measurements",
+        "notation",
+    ),
+    "Robots": (
+        "missions",
+        "teams",
+        "imports",
+        "robots",
+        "mavlink",
+        "ros",
+        "foxglove",
+        "tak",
+        "fusion",
+        "mission-exports",
+    ),
     "Reference": (
         "commands",
         "python",
@@ -46,9 +68,13 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "settings",
         "errors",
         "results",
+        "track-files",
+        "robot-client",
+        "ros-nodes",
+        "fusion-method",
         "compatibility",
     ),
-    "Operating": ("operating", "monitoring", "events", "cluster", "s3", "dask"),
+    "Operating": ("install", "operating", "monitoring", "events", "cluster", "cluster-running", "s3", "dask"),
 }
 """Chapters of the manual in their order, by part: names of the files in `docs/`, without extension."""
 
