@@ -33,7 +33,7 @@ _LIMITS = {
     r"\bx>([\d.]+)": r"more than \1",
     r"; (?:at least [01]|more than 0)(?:\.0)?\)$": ")",
     r" \((?:at least [01]|more than 0)(?:\.0)?\)$": "",
-    r"(\d)\.0\b": r"\1",
+    r"(?<![\d.])(\d+)\.0(?![\d.])": r"\1",
 }
 """How limits are written in `--help`, and here: those that go without saying are left out."""
 
