@@ -62,7 +62,7 @@ def test_a_table_without_known_columns_is_refused() -> None:
 
 
 def test_the_docs_have_every_field_and_unit() -> None:
-    text = (Path(__file__).resolve().parents[2] / "docs" / "missions.md").read_text(encoding="utf-8")
+    text = (Path(__file__).resolve().parents[2] / "docs" / "track-files.md").read_text(encoding="utf-8")
     table = text.split("| field | units | what |")[1].split("\n\n")[0]
     message = {
         field: [unit for unit in units.strip().split(", ") if unit]

@@ -115,7 +115,7 @@ PLATFORMS = {
 """Platforms of the container, as pip names them."""
 
 WITHOUT_WHEEL = {("poselib", "arm64"), ("pycolmap", "arm64")}
-"""Known to be missing; `docs/operating.md` says what to do."""
+"""Known to be missing; `docs/install.md` says what to do."""
 
 
 def main() -> None:

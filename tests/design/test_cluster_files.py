@@ -86,7 +86,7 @@ _WORKER = "MALLOC_ARENA_MAX=1"
 
 def test_the_services_of_systemd(project, page):
     units = [unit(text) for text in blocks(page, "[Unit]")]
-    units += [unit(text) for text in blocks((project / "docs" / "operating.md").read_text("utf-8"), "[Unit]")]
+    units += [unit(text) for text in blocks((project / "docs" / "install.md").read_text("utf-8"), "[Unit]")]
     assert len(units) == 4
     for one in units:
         for section, options in one.items():

@@ -2,17 +2,14 @@
 
 import re
 
-import click
 import pytest
 
+from docs import make_commands, make_settings
 from webapp import errors
-from webapp.cli import options
 from webapp.cli.exitcodes import exit_code
 from webapp.configuration import CONFIG, settings_table
 from webapp.core.features.table import BUNDLES, EXTRACTORS
 from webapp.web.localize.api_localize import QuestionIn
-
-SHARED = "Options that `build`, `localize` and `evaluate` share"
 
 
 def sections(text):
@@ -31,62 +28,39 @@ def rows(text, head):
     return found
 
 
-def spelled(option, command):
-    """Return an option as in the documentation: all names, and the placeholder after the last."""
-    *others, last = sorted(option.opts, key=len)
-    value = "" if option.is_flag else option.make_metavar(click.Context(command))
-    if isinstance(option.type, click.Choice):
-        value = "|".join(option.type.choices)
-    return ", ".join(f"`{name}`" for name in (*others, f"{last} {value}".strip()))
-
-
 @pytest.fixture(scope="module")
 def chapters(project):
     """The sections of the page about the commands."""
     return sections((project / "docs" / "commands.md").read_text("utf-8"))
 
 
-@pytest.fixture(scope="module")
-def shared():
-    """The names of the options shared by several commands."""
-    decorated = options.index_options(options.map_options(lambda: None))
-    return {param.name for param in decorated.__click_params__}
-
-
 def test_every_command_has_a_section_and_no_other_has(commands, chapters):
     assert [name.strip("`") for name in chapters if name.startswith("`expmap")] == list(commands)
 
 
-def test_every_option_is_explained_as_it_is_spelled(commands, chapters, shared):
-    for words, command in commands.items():
-        own = [p for p in command.params if isinstance(p, click.Option) and p.name not in shared]
-        documented = {row[0] for row in rows(chapters[f"`{words}`"], "option")}
-        assert documented == {spelled(option, command) for option in own}, words
-        if any(param.name in shared for param in command.params):
-            assert SHARED[0].lower() + SHARED[1:] in chapters[f"`{words}`"], words
+def test_options_are_listed_as_the_program_has_them(project):
+    text = (project / "docs" / "commands.md").read_text("utf-8")
+    assert make_commands.page(text) == text, "run docs/make_commands.py"
 
 
-def test_shared_options_are_explained_once(commands, chapters, shared):
-    documented = {row[0] for row in rows(chapters[SHARED], "option")}
-    for words in ("expmap build", "expmap localize", "expmap evaluate"):
-        command = commands[words]
-        assert documented == {spelled(p, command) for p in command.params if p.name in shared}
+def test_every_section_says_what_its_command_does(commands, chapters):
+    for words in commands:
+        lines = re.sub(r"^```.*?^```", "", chapters[f"`{words}`"], flags=re.M | re.S).split("\n")
+        assert any(re.match(r"[A-Z[]", line) and not line.startswith("Also [") for line in lines), words
 
 
-def test_usage_names_every_argument(commands, chapters):
-    for words, command in commands.items():
-        # The command caches the names of its help option, and other tests call it, too.
-        context = click.Context(command, help_option_names=["-h", "--help"])
-        usage = " ".join(command.collect_usage_pieces(context))
-        assert f"{words} {usage}" in chapters[f"`{words}`"], words
-
-
-def test_defaults_are_reported(commands, chapters):
-    for words, command in commands.items():
-        table = {row[0]: row[1] for row in rows(chapters[f"`{words}`"] + chapters[SHARED], "option")}
-        for option in command.params:
-            if isinstance(option, click.Option) and option.show_default is True:
-                assert f"(default: {option.default})" in table[spelled(option, command)], option.opts
+def test_changed_options_are_brought_up_to_date_and_texts_by_hand_stay(project):
+    text = (project / "docs" / "commands.md").read_text("utf-8")
+    seed = "- `--seed N`: Random seed of the synthetic park. (default: 7)\n"
+    assert seed in text and "\n## `expmap settings`\n" in text
+    stale = text.replace(seed, "- `--old`: An option that is gone.\n")
+    stale = stale.replace(
+        "\n## `expmap settings`\n",
+        "\n## `expmap gone`\n\n```\nexpmap gone\n```\n\nLong ago.\n\n## `expmap settings`\n",
+    )
+    assert make_commands.page(stale) == text
+    by_hand = text.replace("Makes a small map", "Makes a map")
+    assert make_commands.page(by_hand) == by_hand
 
 
 def test_all_features_and_their_models_are_explained(project):
@@ -98,11 +72,17 @@ def test_all_features_and_their_models_are_explained(project):
     assert documented == {*BUNDLES} | supplied
 
 
-def test_every_setting_is_explained_with_its_variable(project):
-    documented = rows((project / "docs" / "settings.md").read_text("utf-8"), "setting")
-    result = {row[0].strip("`"): (row[1].strip("`"), row[2].strip("`")) for row in documented}
-    table = settings_table().values()
-    assert result == {s.key: (s.variables[0], "none" if s.default is None else str(s.default)) for s in table}
+def test_settings_are_listed_as_the_program_has_them(project):
+    text = (project / "docs" / "settings.md").read_text("utf-8")
+    assert make_settings.page(text) == text, "run docs/make_settings.py"
+    photo = "- `photo.max_mb`, `EXPMAP_PHOTO_MAX_MB` (64): File size, megabytes (10^6 bytes).\n"
+    assert photo in text
+    assert make_settings.page(text.replace(photo, "- `photo.gone`: Gone.\n")) == text
+
+
+def test_every_setting_says_what_it_is_for():
+    said = make_settings.descriptions()
+    assert [key for key in settings_table() if not said.get(key, "").endswith(".")] == []
 
 
 def test_every_environment_variable_is_explained(project):

@@ -12,6 +12,9 @@ from docs.site_hooks import OUTSIDE
 from tests.design.conftest import ROOT
 
 LOADS = {("script", "src"), ("img", "src"), ("iframe", "src"), ("source", "src"), ("link", "href")}
+MOST_WORDS = 1200
+"""Limit of a guide."""
+
 HARMLESS = {"canonical", "alternate", "next", "prev"}
 
 
@@ -52,6 +55,15 @@ def test_every_page_is_in_the_navigation():
     pages |= {target for target in OUTSIDE.values() if target.endswith(".md")}
     found = list(listed(config["nav"]))
     assert sorted(found) == sorted(pages)
+
+
+def test_guides_are_short():
+    """A reader of a guide wants to do one thing. Pages to look something up in may be longer."""
+    config = yaml.safe_load((ROOT / ".mkdocs.yml").read_text("utf-8"))
+    pages = {part: list(listed(value)) for one in config["nav"][1:] for part, value in one.items()}
+    guides = {page for part in ("Maps", "Robots", "Operating") for page in pages[part]} | {"localization.md"}
+    words = {page: len((ROOT / "docs" / page).read_text("utf-8").split()) for page in guides}
+    assert {page: n for page, n in words.items() if n > MOST_WORDS} == {}
 
 
 def test_pages_load_nothing_from_another_host(site):

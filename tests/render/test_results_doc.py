@@ -14,9 +14,9 @@ PAGE = (Path(__file__).parents[2] / "docs" / "results.md").read_text("utf-8")
 
 
 def documented(title: str) -> set[str]:
-    """Return the names in the first column of the table below a heading."""
+    """Return the names that begin the lines of the lists below a heading."""
     section = PAGE.split(f"## {title}\n")[1].split("\n## ")[0]
-    rows = re.findall(r"^\| (`.+?) \|", section, flags=re.MULTILINE)
+    rows = re.findall(r"^- (`.+?`): ", section, flags=re.MULTILINE)
     return {name for row in rows for name in re.findall(r"`([^`]+)`", row)}
 
 

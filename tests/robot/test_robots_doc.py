@@ -12,7 +12,7 @@ from webapp.robot.fields import RECORDS, SOURCES
 from webapp.robot.records import parse_record
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "robots.md").read_text("utf-8")
+PAGE = "".join((ROOT / "docs" / f"{name}.md").read_text("utf-8") for name in ("robots", "robot-client"))
 
 
 def blocks(language):

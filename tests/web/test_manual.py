@@ -37,4 +37,4 @@ def test_pages_of_landmarks_have_a_chapter_of_their_own(client, library, owner, 
     make_map(library.map_folder("row"), 2)
     adopt_map.adopt_map(library, "row", account_id=owner.id)
     for page, chapter in (("landmarks", "landmarks-in-3d"), ("control-points", "control-points")):
-        assert f'href="/help/dozen-clicks#{chapter}"' in client.get(f"/maps/row/{page}").text
+        assert f'href="/help/landmarks#{chapter}"' in client.get(f"/maps/row/{page}").text

@@ -173,7 +173,7 @@ def _record(type_: object, given: Mapping[str, Any]) -> dict[str, Any]:
     except FieldError as error:
         value = f"{plain[error.name]!r}: "[:60] if error.name in plain else ""
         raise InputError(
-            value + error.message, where=error.name, hint="docs/robots.md lists the fields"
+            value + error.message, where=error.name, hint="docs/robot-client.md lists the fields"
         ) from error
     return {"type": checked_type, **checked}
 

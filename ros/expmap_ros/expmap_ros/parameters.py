@@ -20,7 +20,7 @@ class ParameterError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter, as in the table in docs/ros.md."""
+    """A parameter, as in the table in docs/ros-nodes.md."""
 
     name: str
     default: Value

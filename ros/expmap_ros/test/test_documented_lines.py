@@ -26,7 +26,8 @@ from ros.expmap_ros.test.support import PLACES, Bench, header, textured
 from ros.expmap_ros.test.test_running import ENVIRON
 from ros.run_tests import ROOT
 
-PAGE = re.sub(r"\\\n\s*", " ", (ROOT / "docs" / "ros.md").read_text("utf-8"))
+PAGES = [(ROOT / "docs" / name).read_text("utf-8") for name in ("ros.md", "ros-nodes.md")]
+PAGE = re.sub(r"\\\n\s*", " ", "\n".join(PAGES))
 LINES = [
     line
     for line in re.findall(r"^ros2 run expmap_ros (\w+ --ros-args .+)$", PAGE, re.M)

@@ -12,7 +12,7 @@ from ros.run_tests import ROOT
 from webapp import __version__
 
 PACKAGE = ROOT / "ros" / "expmap_ros"
-PAGE = (ROOT / "docs" / "ros.md").read_text("utf-8")
+PAGE = (ROOT / "docs" / "ros-nodes.md").read_text("utf-8")
 SETUP = (PACKAGE / "setup.py").read_text("utf-8")
 NODES = ast.literal_eval(re.search(r"^NODES = (\(.*?\))", SETUP, re.M | re.S)[1])
 

@@ -54,7 +54,7 @@ export function showAddress(share) {
 
 /** A warning that an address of this computer is of no use elsewhere. */
 export function onlyHere() {
-  const chapter = h("a", { href: "/help/operating#behind-nginx-with-tls", target: "_blank" }, t("Operating a server"));
+  const chapter = h("a", { href: "/help/install#behind-nginx-with-tls", target: "_blank" }, t("Operating a server"));
   return h("div", { class: "note note--warning" }, icon("warning"),
     h("div", {},
       h("div", {}, t("This address works only on this computer.")),

@@ -16,7 +16,7 @@ from webapp.missions.core.trajectory.robotframe import Anchor, LocalPoses, Robot
 
 GEOD = Geod(ellps="WGS84")
 A_M, B_M = 6_378_137.0, 6_356_752.314
-DOCS = Path(__file__).resolve().parents[3] / "docs" / "missions.md"
+DOCS = Path(__file__).resolve().parents[3] / "docs" / "track-files.md"
 
 
 def formula_2012(start: LatLon, xy_m: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ def row(entry):
 
 
 def test_the_documentation_has_the_line_of_every_format():
-    text = (ROOT / "docs" / "missions.md").read_text("utf-8").partition("## Files")[2]
+    text = (ROOT / "docs" / "track-files.md").read_text("utf-8").partition("## Formats")[2]
     table = re.search(r"(?:^\|.*\n)+", text, flags=re.MULTILINE)[0].splitlines()
     assert table[2:] == [row(entry) for entry in FORMATS.values()]
 

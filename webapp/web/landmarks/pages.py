@@ -17,7 +17,7 @@ blueprint = Blueprint("landmarks_pages", __name__)
 
 
 @blueprint.get("/maps/<slug>/landmarks")
-@page(chapter="dozen-clicks#landmarks-in-3d", tab=Tab(_l("3D"), "cube", order=4))
+@page(chapter="landmarks#landmarks-in-3d", tab=Tab(_l("3D"), "cube", order=4))
 def show(slug: str) -> str:
     """Show the landmarks; `?photo=ID` selects a camera."""
     with reading_map(slug) as (session, record):
@@ -33,7 +33,7 @@ def show(slug: str) -> str:
 
 
 @blueprint.get("/maps/<slug>/control-points")
-@page(chapter="dozen-clicks#control-points", tab="landmarks_pages.show")
+@page(chapter="landmarks#control-points", tab="landmarks_pages.show")
 def control_points(slug: str) -> str:
     """Show the control points, and the residuals of these and of the placed photos."""
     with reading_map(slug) as (session, record):

@@ -569,7 +569,7 @@ def _bag(name: str, title: str, *, suffix: str, magic: bytes, **rest: Any) -> Tr
 
 _ROS1 = FormatAbout(
     tracks="topics of `NavSatFix`, `Odometry`, `Pose`, `PoseStamped`, `PoseWithCovarianceStamped`, `Path`, "
-    "`TFMessage` ([which transforms](robots.md#frames-and-topics)); ROS is not needed",
+    "`TFMessage` ([which transforms](robot-client.md#frames-and-topics)); ROS is not needed",
     objects="`Detection3DArray`, `MarkerArray`",
     left_out="topics of other types; plans and goals (`/plan`, `/goal_pose` ...), unless named",
     written_by="`rosbag record`",
