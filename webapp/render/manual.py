@@ -33,6 +33,7 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "satellite",
         "basemaps",
         "gis",
+        "stac",
         "georeference",
         "sharing",
         "field",
