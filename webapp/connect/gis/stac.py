@@ -57,7 +57,7 @@ _CONFORMANCE = (
     ),
     *(f"http://www.opengis.net/spec/ogcapi-features-1/1.0/conf/{name}" for name in ("core", "geojson")),
 )
-_MOST_IDS = 1000
+_MOST_IDS, _MOST_MAPS = 100, 20
 _MOST_REGION = 60 * MOST_CORNERS
 """Characters of a geometry."""
 
@@ -158,8 +158,8 @@ class StacSearch(Schema):
         values=4 * MOST_CORNERS,
         metadata={"description": "A GeoJSON geometry.", "type": "object"},
     )
-    ids = BoundedList(String(validate=Length(max=300)), most=_MOST_IDS)
-    collections = BoundedList(String(validate=Length(max=300)), most=_MOST_IDS)
+    ids = BoundedList(String(validate=Length(max=230)), most=_MOST_IDS)
+    collections = BoundedList(String(validate=Length(max=230)), most=_MOST_MAPS)
     limit = Integer(validate=Range(min=1))
     after = String(validate=Length(max=300))
 
@@ -310,8 +310,9 @@ def _query(values: Mapping[str, str], geometry: Any) -> ItemQuery:
 
 
 def _scope(collections: Sequence[str] | None, ids: Sequence[str] | None) -> Scope:
-    if ids is not None and len(ids) > _MOST_IDS:
-        raise UsageError("there are too many ids", where="ids", hint=f"use at most {_MOST_IDS}")
+    for name, some, most in (("ids", ids, _MOST_IDS), ("collections", collections, _MOST_MAPS)):
+        if some is not None and len(some) > most:
+            raise UsageError("there are too many", where=name, hint=f"use at most {most}")
     return Scope(*(None if some is None else frozenset(some) for some in (collections, ids)))
 
 
@@ -378,12 +379,15 @@ _SEARCH_PARAMETERS: tuple[dict[str, Any], ...] = (
         {
             "name": name,
             "in": "query",
-            "description": f"{what}, with commas between them; at most {_MOST_IDS}.",
+            "description": f"{what}, with commas between them; at most {most}.",
             "style": "form",
             "explode": False,
             "schema": {"type": "array", "items": {"type": "string"}},
         }
-        for name, what in (("ids", "Ids of photos"), ("collections", "Names of maps"))
+        for name, what, most in (
+            ("ids", "Ids of photos", _MOST_IDS),
+            ("collections", "Names of maps", _MOST_MAPS),
+        )
     ),
     {
         "name": "intersects",
