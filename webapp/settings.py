@@ -238,6 +238,29 @@ class TileSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class RemoteSettings:
+    """Remote files of map tiles (PMTiles, cloud-optimised GeoTIFF), of which only parts are fetched."""
+
+    enabled: bool = False
+    """Whether tile services may be such files."""
+
+    private_hosts: str | None = None
+    """Hosts and networks that are accepted although they are not public, separated by commas."""
+
+    timeout_s: float = 20.0
+    """Longest wait for a part of an answer, seconds."""
+
+    check_s: float = 3600.0
+    """Seconds after which the server is asked whether the file has changed."""
+
+    most_mb: float = 32.0
+    """Megabytes that may be fetched for one tile."""
+
+    cache_mb: float = 1000.0
+    """Megabytes that the parts of all files may take on disk."""
+
+
+@dataclass(frozen=True, slots=True)
 class GeocoderSettings:
     """Search for places by name, with an external geocoder."""
 
@@ -377,6 +400,7 @@ class Settings:
     jobs: JobSettings = field(default_factory=JobSettings)
     satellite: SatelliteLimits = field(default_factory=SatelliteLimits)
     tiles: TileSettings = field(default_factory=TileSettings)
+    remote: RemoteSettings = field(default_factory=RemoteSettings)
     geocoder: GeocoderSettings = field(default_factory=GeocoderSettings)
     street: StreetSettings = field(default_factory=StreetSettings)
     missions: MissionSettings = field(default_factory=MissionSettings)

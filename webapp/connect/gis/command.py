@@ -67,7 +67,7 @@ def project(cfg: Path, out: Path) -> None:
         with new_package(package) as layers:
             count = add_map(layers, source, folder=out.parent, picture=lambda _photo: None, progress=progress)
         images = images_of(source, Path(folder), settings=settings)
-        write_project(out, package, images, title=source.title)
+        write_project(out, package, images=images, title=source.title)
     click.echo(f"wrote {out}: {count} photos, {len(images)} images")
 
 
@@ -84,7 +84,7 @@ def project_mission(mission: int, out: Path, points: int | None, library: Path |
         package = Path(folder) / "layers.gpkg"
         with terminal_progress("tracks") as progress, new_package(package) as layers:
             tracks, poses, objects = add_mission(layers, found, progress=progress)
-        write_project(out, package, [], title=found.name)
+        write_project(out, package, images=[], title=found.name)
     click.echo(f"wrote {out}: {tracks} tracks, {poses} poses, {objects} objects")
 
 

@@ -70,7 +70,7 @@ def export_map_project(slug: str) -> Response:
     with _workplace() as folder:
         _write_map(folder / "layers.gpkg", source)
         images = images_of(source, folder, settings=settings())
-        write_project(path, folder / "layers.gpkg", images, title=source.title)
+        write_project(path, folder / "layers.gpkg", images=images, title=source.title)
     return send_pieces(Download(f"{source.name}.qgz", PROJECT_TYPE, _pieces(path)))
 
 
@@ -126,7 +126,7 @@ def _project_of(found: MissionExport, source: Source | None) -> Download:
         with new_package(folder / "layers.gpkg") as package:
             add_mission(package, found, progress=Progress())
         images = [] if source is None else images_of(source, folder, settings=settings())
-        write_project(path, folder / "layers.gpkg", images, title=found.name)
+        write_project(path, folder / "layers.gpkg", images=images, title=found.name)
     return Download(f"{plain_name(found.name)}.qgz", PROJECT_TYPE, _pieces(path))
 
 

@@ -54,7 +54,7 @@ class _Table:
     style: str
 
 
-def write_project(out: Path, package: Path, images: Sequence[ProjectImage], *, title: str) -> None:
+def write_project(out: Path, package: Path, *, images: Sequence[ProjectImage], title: str) -> None:
     """Write a project that replaces a file once it is complete.
 
     Args:

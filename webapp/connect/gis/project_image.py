@@ -75,7 +75,7 @@ def images_of(source: Source, folder: Path, *, settings: Settings) -> list[Proje
             scale = np.diag([image.width / width, image.height / height, 1.0])
             name = f"image-{number}{'.png' if image.path.lower().endswith('.png') else '.jpg'}"
             matrix = georeference.matrix @ map_from_image @ scale
-            found.append(_image(pixels, matrix, georeference.plane, title=title, file=folder / name))
+            found.append(_image(pixels, matrix, plane=georeference.plane, title=title, file=folder / name))
     return found
 
 
@@ -83,7 +83,7 @@ def _matrix(affine: Affine) -> Matrix:
     return np.vstack([np.reshape(affine, (2, 3)), [0.0, 0.0, 1.0]])
 
 
-def _image(pixels: Pixels, matrix: Matrix, plane: str, *, title: str, file: Path) -> ProjectImage:
+def _image(pixels: Pixels, matrix: Matrix, *, plane: str, title: str, file: Path) -> ProjectImage:
     """Write an image; one whose lines are not straight on the plane is resampled.
 
     Args:
@@ -118,11 +118,11 @@ def _image(pixels: Pixels, matrix: Matrix, plane: str, *, title: str, file: Path
     if np.isfinite(latlon).all():
         (south, west), (north, east) = latlon.min(axis=0).tolist(), latlon.max(axis=0).tolist()
         degrees = (west, south, east, north)
-    described = _described(file.name, pixels, to_plane, plane=plane)
+    described = _described(pixels, to_plane, name=file.name, plane=plane)
     return ProjectImage(title, file, described, plane, box, degrees)
 
 
-def _described(name: str, pixels: Pixels, to_plane: Matrix, *, plane: str) -> bytes:
+def _described(pixels: Pixels, to_plane: Matrix, *, name: str, plane: str) -> bytes:
     """Return a virtual raster of GDAL (VRT): x is east or longitude, whatever the system's own order is."""
     height, width, bands = pixels.shape
     root = ET.Element("VRTDataset", {"rasterXSize": str(width), "rasterYSize": str(height)})

@@ -230,7 +230,7 @@ def show_collection(slug: str) -> dict[str, Any]:
 def list_items(slug: str) -> Answer:
     """Get photos of a map, by area and time, in pages."""
     query, scope = _parsed()
-    found = of_map(slug, query, scope)
+    found = of_map(slug, query, scope=scope)
     own = {name: value for name, value in request.args.items() if name != "after"}
     links = [
         _link(_address("list_items", slug=slug, **request.args), "self", "This", type=_GEOJSON),

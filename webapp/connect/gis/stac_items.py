@@ -96,7 +96,7 @@ def search(query: ItemQuery, scope: Scope) -> Found:
     return Found(found, None if query.after else len(found), None)
 
 
-def of_map(slug: str, query: ItemQuery, scope: Scope) -> Found:
+def of_map(slug: str, query: ItemQuery, *, scope: Scope) -> Found:
     """Read some items of a collection. Raises NotSignedIn, NotFound."""
     with reading_map(slug) as (session, record):
         ids = _numbers(session, record, query, scope=scope)
