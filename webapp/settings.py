@@ -161,6 +161,26 @@ class WebSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class ContributionSettings:
+    """Limits of photos that visitors of shared maps give."""
+
+    max_mb: float = 30.0
+    """Largest photo, megabytes."""
+
+    photos_per_day: int = 30
+    """Photos of a visitor of a share on one day."""
+
+    mb_per_day: float = 300.0
+    """The same, megabytes."""
+
+    waiting_photos: int = 300
+    """Photos of a map that may wait for a decision."""
+
+    waiting_mb: float = 3000.0
+    """The same, megabytes."""
+
+
+@dataclass(frozen=True, slots=True)
 class ServeSettings:
     """The processes that answer requests."""
 
@@ -400,6 +420,7 @@ class Settings:
     jobs: JobSettings = field(default_factory=JobSettings)
     satellite: SatelliteLimits = field(default_factory=SatelliteLimits)
     tiles: TileSettings = field(default_factory=TileSettings)
+    contributions: ContributionSettings = field(default_factory=ContributionSettings)
     remote: RemoteSettings = field(default_factory=RemoteSettings)
     geocoder: GeocoderSettings = field(default_factory=GeocoderSettings)
     street: StreetSettings = field(default_factory=StreetSettings)

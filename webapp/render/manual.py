@@ -36,6 +36,7 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "stac",
         "georeference",
         "sharing",
+        "contributions",
         "field",
     ),
     "Localization": ("localization", "features", "large-maps", "scale", "measurements", "notation"),
