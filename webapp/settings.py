@@ -161,6 +161,26 @@ class WebSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class ContributionSettings:
+    """Limits of photos that visitors of shared maps give."""
+
+    max_mb: float = 30.0
+    """Largest photo, megabytes."""
+
+    photos_per_day: int = 30
+    """Photos of a visitor of a share on one day."""
+
+    mb_per_day: float = 300.0
+    """The same, megabytes."""
+
+    waiting_photos: int = 300
+    """Photos of a map that may wait for a decision."""
+
+    waiting_mb: float = 3000.0
+    """The same, megabytes."""
+
+
+@dataclass(frozen=True, slots=True)
 class ServeSettings:
     """The processes that answer requests."""
 
@@ -235,6 +255,29 @@ class TileSettings:
 
     cache_days: float = 30.0
     """Days that tiles stay in the cache."""
+
+
+@dataclass(frozen=True, slots=True)
+class RemoteSettings:
+    """Remote files of map tiles (PMTiles, cloud-optimised GeoTIFF), of which only parts are fetched."""
+
+    enabled: bool = False
+    """Whether tile services may be such files."""
+
+    private_hosts: str | None = None
+    """Hosts and networks that are accepted although they are not public, separated by commas."""
+
+    timeout_s: float = 20.0
+    """Longest wait for a part of an answer, seconds."""
+
+    check_s: float = 3600.0
+    """Seconds after which the server is asked whether the file has changed."""
+
+    most_mb: float = 32.0
+    """Megabytes that may be fetched for one tile."""
+
+    cache_mb: float = 1000.0
+    """Megabytes that the parts of all files may take on disk."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -377,6 +420,8 @@ class Settings:
     jobs: JobSettings = field(default_factory=JobSettings)
     satellite: SatelliteLimits = field(default_factory=SatelliteLimits)
     tiles: TileSettings = field(default_factory=TileSettings)
+    contributions: ContributionSettings = field(default_factory=ContributionSettings)
+    remote: RemoteSettings = field(default_factory=RemoteSettings)
     geocoder: GeocoderSettings = field(default_factory=GeocoderSettings)
     street: StreetSettings = field(default_factory=StreetSettings)
     missions: MissionSettings = field(default_factory=MissionSettings)

@@ -27,6 +27,7 @@ NO_RIGHT_NEEDED = {
     "api_find.find",
     "api_missions.create",
     "api_staged.begin",
+    "api_stac.search_by_body",
     "maps.create",
 }
 """Routes with a body that every account may use."""

@@ -166,6 +166,7 @@ def fresh(library, owner, make_map, add_mission):
             ids |= {"events": [receiver.id]}
             ids |= {"jobs": [job.id], "placements": ["other"], "members": [owner.id], "accounts": [owner.id]}
         ids |= add_mission(map_id)
+        ids["feature"] = [f"{slug}-0", "track-1"]
         ids["collection"] = [f"map-{slug}-photos", f"mission-{ids['mission_id'][0]}-tracks"]
         folder = queries.folder(library, map_id)
         folder.mkdir(parents=True)
@@ -380,7 +381,7 @@ def test_what_is_answered_to_viewers_is_documented(document, fresh, library, new
         accounts.set_member_role(session, record, account=session.merge(viewer), role="viewer")
     client, refused = sign_in(viewer), set()
     values = {"slug": slug, "id": 0, "key": "0" * 32, "number": 0, "z": 0, "x": 0, "y": 0, "form": "zip"}
-    values |= {"sheet": "pdf", "name": "plan", "ending": "gpx"}
+    values |= {"sheet": "pdf", "name": "plan", "ending": "gpx", "feature": f"{slug}-0"}
     values |= {name: known[0] for name, known in ids.items() if name.endswith("_id") or name == "sha256"}
     for path, operations in document["paths"].items():
         if "get" in operations and OF_THE_MAP.search(path) and not path.endswith("/events"):

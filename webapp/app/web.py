@@ -55,7 +55,7 @@ from webapp.web.maps import pages as maps_pages
 from webapp.web.operate import doctor, jobs, metrics, models
 from webapp.web.satellite import api_satellite
 from webapp.web.satellite import pages as satellite_pages
-from webapp.web.sharing import api_shared, api_shared_cloud, api_shares
+from webapp.web.sharing import api_contributions, api_shared, api_shared_cloud, api_shares
 from webapp.web.sharing import pages as sharing_pages
 from webapp.web.state import Parts
 
@@ -125,8 +125,11 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_shared.blueprint,
     api_shared_cloud.blueprint,
     api_shares.shares_api,
+    api_contributions.visitors_api,
+    api_contributions.waiting_api,
     api_shares.members_api,
     sharing_pages.blueprint,
+    sharing_pages.members,
 )
 
 CONNECTED: tuple[Parts, ...] = tuple(

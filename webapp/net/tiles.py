@@ -164,7 +164,7 @@ def _keep(path: Path, data: bytes) -> None:
 
 _HINT = "see docs/satellite.md for how such a file is written"
 _FILE_URL = "/api/v1/tile-services/{name}/tiles/{{z}}/{{x}}/{{y}}"
-_FIELDS = ("name", "attribution", "max_zoom", "url", "file", "max_tiles", "public")
+_FIELDS = ("name", "attribution", "max_zoom", "url", "file", "remote", "max_tiles", "public")
 
 
 def _axes_of_4326(tile: Tile, zoom: int) -> tuple[float, float, float, float]:
@@ -190,6 +190,12 @@ class TileService:
     max_tiles: int | None = None
     public: bool = False  # Whether visitors of shared maps may see its address, which may contain a key
     file: Path | None = None  # MBTiles or PMTiles with its tiles
+    remote: str | None = None  # Address of PMTiles or a cloud-optimised GeoTIFF with its tiles
+
+    @property
+    def is_own(self) -> bool:
+        """Whether this server gives its tiles, from a file."""
+        return self.file is not None or self.remote is not None
 
     @property
     def origin(self) -> str:
@@ -268,8 +274,9 @@ def tile_services(file: Path | None) -> tuple[TileService, ...]:
     """Return the available services; the first one is the default.
 
     Args:
-        file: JSON: a list of objects with `name`, `attribution`, `max_zoom`, either `url` or `file`, and
-            perhaps `max_tiles` and `public`; a relative `file` is next to it. None for the built-in ones.
+        file: JSON: a list of objects with `name`, `attribution`, `max_zoom`, one of `url`, `file` and
+            `remote`, and perhaps `max_tiles` and `public`; a relative `file` is next to it. None for the
+            built-in ones.
 
     Raises:
         UsageError: The file cannot be read, or is not such a list; `where` names the place in it.
@@ -302,15 +309,18 @@ def named_service(services: tuple[TileService, ...], name: str) -> TileService:
 def _service(item: object, *, folder: Path, where: str) -> TileService:
     if not isinstance(item, dict) or not set(item).issubset(_FIELDS):
         raise UsageError(f"the allowed fields are {', '.join(_FIELDS)}", where=where, hint=_HINT)
-    name, attribution, max_zoom, url, file, max_tiles = (item.get(field) for field in _FIELDS[:6])
+    name, attribution, max_zoom, url, file, remote, max_tiles = (item.get(field) for field in _FIELDS[:7])
     public = item.get("public", False)
-    source = file if url is None else url
+    sources = [one for one in (url, file, remote) if one is not None]
+    source = sources[0] if len(sources) == 1 else None
     texts = all(isinstance(text, str) and text.strip() for text in (name, source, attribution))
     whole = _is_whole(max_zoom, MAX_ZOOM) and (max_tiles is None or _is_whole(max_tiles))
-    if not texts or not whole or not isinstance(public, bool) or None not in (url, file):
+    if not texts or not whole or not isinstance(public, bool):
         raise UsageError("a field is missing or has an invalid value", where=where, hint=_HINT)
     if url is not None:
         _check_url(str(url), where=where)
+    elif remote is not None:
+        _check_host(str(remote), where=where)
     elif not (folder / str(file)).is_file():
         raise UsageError("its file does not exist", where=f"{where}: {file}", hint=_HINT)
     return TileService(
@@ -320,14 +330,19 @@ def _service(item: object, *, folder: Path, where: str) -> TileService:
         int(str(max_zoom)),
         max_tiles,
         public,
-        folder / str(file) if url is None else None,
+        None if file is None else folder / str(file),
+        remote,
     )
 
 
-def _check_url(url: str, *, where: str) -> None:
+def _check_host(url: str, *, where: str) -> None:
     parts = urlsplit(url)
     if parts.scheme not in ("http", "https") or not parts.hostname or set(parts.netloc) & set("{}@;, \"'"):
         raise UsageError("its url is not a web address", where=where, hint=_HINT)
+
+
+def _check_url(url: str, *, where: str) -> None:
+    _check_host(url, where=where)
     if [*map(url.count, ("{z}", "{x}", "{y}", *_AREAS))] not in (
         [1, 1, 1, 0, 0],
         [0, 0, 0, 1, 0],

@@ -35,8 +35,10 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "satellite",
         "basemaps",
         "gis",
+        "stac",
         "georeference",
         "sharing",
+        "contributions",
         "field",
     ),
     "Localization": (

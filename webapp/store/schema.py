@@ -443,3 +443,31 @@ class Share(ShareColumns, Base):
     """Whether notes are shown."""
     landmarks: Mapped[bool] = mapped_column(default=False)
     """Whether the map is shown in 3D: landmarks and cameras."""
+    contribute: Mapped[bool] = mapped_column(default=False)
+    """Whether visitors may give photos, which wait for a decision."""
+
+
+class Contribution(Base):
+    """A photo that a visitor has given to a map.
+
+    It is in the tray until somebody places it, which accepts it, or removes it, which refuses it.
+    """
+
+    __tablename__ = "contribution"
+    __table_args__ = WITHOUT_ROWID
+
+    map_id: Mapped[int] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"), primary_key=True)
+    photo_id: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    share_id: Mapped[int | None] = mapped_column(ForeignKey("share.id", ondelete="SET NULL"), index=True)
+    visitor: Mapped[str] = mapped_column(index=True)
+    """Hash of share, day and IP address, by which photos of a day are counted."""
+    sent_at: Mapped[datetime] = mapped_column(default=now)
+    size_bytes: Mapped[int]
+    x_px: Mapped[float | None]
+    y_px: Mapped[float | None]
+    radius_px: Mapped[float | None]
+    heading_deg: Mapped[float | None]
+    probability: Mapped[float | None]
+    """Of the place that localization suggests; None where it has found none."""
+    floor: Mapped[int] = mapped_column(default=0)
+    """Id of the floor of that place."""

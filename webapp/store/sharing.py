@@ -30,6 +30,7 @@ class SharePermissions:
     originals: bool = False  # Original files, with their EXIF
     notes: bool = False  # Notes on photos and on spots of the map; for a shared map only
     landmarks: bool = False  # The map in 3D, landmarks and the cameras of its photos; for a shared map only
+    contribute: bool = False  # Photos that visitors give to the map; for a shared map only
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +78,7 @@ def change(share: Share, allows: SharePermissions) -> None:
     share.originals = allows.originals
     share.notes = allows.notes and share.query_id is None
     share.landmarks = allows.landmarks and share.query_id is None
+    share.contribute = allows.contribute and share.query_id is None
 
 
 def list_shares(session: Session, record: MapRecord) -> list[Share]:

@@ -74,6 +74,7 @@ export function allowed({ query, in3d }, given = { photos: true }) {
   return [
     one("photos", query === null ? t("Pictures of the photos") : t("The photo, and pictures of the map photos it matched")),
     query === null && one("localize", t("Visitors can localize their own photos"), t("They choose a photo, and see where on this map it was taken. Neither the photo nor the answer is stored.")),
+    query === null && one("contribute", t("Visitors can give photos"), t("They agree that you keep, show and share them. Each photo waits until you accept or refuse it.")),
     query === null && one("notes", t("Notes on photos and on the map")),
     query === null && one("landmarks", t("The map in 3D"), hint3d, !may3d),
     one("originals", t("Originals"), t("With names, times, GPS and everything else that a camera writes into them.")),

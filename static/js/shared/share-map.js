@@ -108,7 +108,9 @@ class Links {
       h("h3", {}, t("Anyone with a link")),
       h("p", { class: "small soft" }, t("They see the map, and what you tick here, without an account.")),
       this.list, this.next, element, this.error,
-      h("div", { class: "row" }, h("a", { class: "button button--quiet", href: "/public" }, t("Public maps"))),
+      h("div", { class: "row" },
+        h("a", { class: "button button--quiet", href: `/maps/${this.slug}/contributions` }, t("Photos from visitors")),
+        h("a", { class: "button button--quiet", href: "/public" }, t("Public maps"))),
     ];
   }
 
@@ -176,6 +178,7 @@ function gives(share) {
   return [
     share.photos && t("pictures"),
     share.localize && t("visitors can localize"),
+    share.contribute && t("visitors can give photos"),
     share.notes && t("notes"),
     share.landmarks && t("in 3D"),
     share.originals && t("originals"),

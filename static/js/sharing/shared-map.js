@@ -20,6 +20,7 @@ import { PhotoDots } from "../shared/map/photo-dots.js";
 import { copyablePlace } from "../shared/map/positions.js";
 import { factElements } from "../shared/photo-facts.js";
 import { toastError } from "../shared/toast.js";
+import { contribute } from "./contribute.js";
 import { PhotoPanel } from "./photo-panel.js";
 import { VisitorPhoto } from "./visitor-photo.js";
 
@@ -44,6 +45,7 @@ listen();
 zoomButtons();
 loadDetails(store, (id, most) => get(`${shared}/photos?after=${id}&limit=${most}`)).catch(toastError);
 if (state.answer) showShared(state.answer);
+if (document.getElementById("give-input")) contribute(`${shared}/contributions`);
 if (document.getElementById("query-input")) new VisitorPhoto(session, `${shared}/localize`);
 
 function showShared(answer) {

@@ -109,7 +109,8 @@ WITHOUT_PHOTOS = {
         "api_exchange.cfg api_exchange.placement_cfg api_plan.walk api_queries.export "
         "api_mission_exports.objects api_mission_exports.network_link api_mission_exports.query "
         "public_mission_pages.network_link public_mission_pages.objects api_mission_events.events "
-        "api_geopackage.export_map api_geopackage.export_mission"
+        "api_geopackage.export_map api_geopackage.export_mission "
+        "api_geopackage.export_map_project api_geopackage.export_mission_project"
     ),
     "drawings of tags": "api_control_points.print_sheet",
     "a drawing of tracks": "api_mission_fixes.fusion_picture",

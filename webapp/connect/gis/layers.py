@@ -31,7 +31,7 @@ from webapp.core.mapmodel.model import FACTS, WRITTEN, Experience, Map
 from webapp.errors import MapError
 from webapp.files.exchange.geojson import floor_properties
 from webapp.files.maps.folder import photo_path
-from webapp.missions.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
+from webapp.missions.core.trajectory.outgoing import ExportDrawing, ExportObject, ExportTrack, MissionExport
 from webapp.missions.core.trajectory.records import Poses, covariance_radius_m
 from webapp.missions.files.geojson_writer import cut_at_meridian
 from webapp.progress import Progress
@@ -154,6 +154,19 @@ OBJECTS = FeatureTable(
     styles.dots("#d55e00", label="class"),
     has_z=True,
 )
+AREAS = FeatureTable(
+    "areas",
+    "Search areas",
+    "POLYGON",
+    (
+        TableField("id", "INTEGER", "Number of the area"),
+        TableField("name", "TEXT", "Name"),
+        TableField("searched", "BOOLEAN", "Whether it is marked as searched"),
+        TableField("searched_time", "DATETIME", "When it was marked as searched, UTC"),
+        TableField("created_time", "DATETIME", "When it was drawn, UTC"),
+    ),
+    styles.outlines("#cc79a7", label="name"),
+)
 
 
 def add_map(
@@ -204,6 +217,9 @@ def add_mission(package: GeoPackage, mission: MissionExport, *, progress: Progre
     progress.size(2 * len(mission.tracks))
     looks = {t.id: styles.LineLook(t.title, t.colour, t.width_px, not t.look.hidden) for t in mission.tracks}
     layer = replace(TRACKS, style=styles.lines("track", looks))
+    areas = [drawing for drawing in mission.drawings if drawing.kind == "area"]
+    if areas:
+        package.add(AREAS, map(_area, areas), title=f"{mission.name}: areas")
     return (
         package.add(layer, _counted(map(_track, mission.tracks), progress), title=f"{mission.name}: tracks"),
         package.add(POSES, _poses(mission.tracks, progress), title=f"{mission.name}: poses"),
@@ -289,6 +305,12 @@ def _floor(floor: Floor, map_: Map, georeference: Georeference) -> Row:
     ring = georeference.latlon_from_pixel(corners)
     outline = polygon(ring) if np.isfinite(ring).all() else None
     return outline, (floor.id, floor.name, floor.level, floor.height_m)
+
+
+def _area(area: ExportDrawing) -> Row:
+    searched = None if area.searched_time_s is None else moments([area.searched_time_s])[0]
+    (created,) = moments([area.created_time_s])
+    return polygon(area.points), (area.id, area.name, area.searched, searched, created)
 
 
 def _track(track: ExportTrack) -> Row:

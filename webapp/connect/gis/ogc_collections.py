@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from flask import url_for
+from numpy.typing import NDArray
 from sqlalchemy import ColumnElement, and_, or_, select
 from sqlalchemy.orm import Session
 
@@ -169,13 +170,19 @@ def describe(id: str) -> Collection:
 
 
 def _of_map(record: MapRecord) -> list[Collection]:
-    found, box = georeference(record), None
-    if found is not None and record.satellite_width and record.satellite_height:
-        box = _outline(found, (record.satellite_width, record.satellite_height))
+    box = map_box(record)
     return [
         Collection(f"map-{record.slug}-{kind}", f"{record.name}: {kind}", _ABOUT[kind], box)
         for kind in ("photos", "notes")
     ]
+
+
+def map_box(record: MapRecord) -> Box | None:
+    """Return the area of the image of a map; None if it is unknown, or crosses the 180th meridian."""
+    found = georeference(record)
+    if found is None or not record.satellite_width or not record.satellite_height:
+        return None
+    return _outline(found, (record.satellite_width, record.satellite_height))
 
 
 def _outline(found: Georeference, size: tuple[int, int]) -> Box | None:
@@ -255,7 +262,8 @@ def item(id: str, feature_id: str) -> dict[str, Any]:
     return found
 
 
-def _photos(session: Session, record: MapRecord, query: ItemQuery) -> Items:
+def wanted_photos(session: Session, record: MapRecord, query: ItemQuery) -> NDArray[np.int64]:
+    """Return the ids of the placed photos of a map, sorted, that are wanted by area and time."""
     dots = maps.dots(session, record, placed=True)
     ids = np.array([dot.id for dot in dots], np.int64)
     latlon = np.full((len(dots), 2), np.nan)
@@ -264,13 +272,21 @@ def _photos(session: Session, record: MapRecord, query: ItemQuery) -> Items:
         latlon = found.latlon_from_pixel(np.array([(dot.x_px, dot.y_px) for dot in dots], np.float64))
     wanted = query.within(latlon[:, 0], latlon[:, 1])
     if query.span_s is not None:
-        rows = session.execute(
-            select(Photo.id, Photo.taken_at).where(Photo.map_id == record.id, Photo.taken_at.is_not(None))
-        )
-        times = {id: unix_time(taken) for id, taken in rows if taken is not None}
+        times = photo_times(session, record)
         taken_s = [times.get(id, math.nan) for id in ids.tolist()]
         wanted &= [query.during(time_s, time_s) for time_s in taken_s]
-    matched = ids[wanted]
+    return ids[wanted]
+
+
+def photo_times(session: Session, record: MapRecord) -> dict[int, float]:
+    """Return when the photos of a map that have a time were taken, Unix seconds; NaN if it is no time."""
+    columns = select(Photo.id, Photo.taken_at)
+    rows = session.execute(columns.where(Photo.map_id == record.id, Photo.taken_at.is_not(None)))
+    return {id: unix_time(taken) for id, taken in rows if taken is not None}
+
+
+def _photos(session: Session, record: MapRecord, query: ItemQuery) -> Items:
+    matched = wanted_photos(session, record, query)
     after = int(query.after) if query.after and query.after.isdecimal() and len(query.after) < 12 else -1
     rest = matched[matched > after]
     if query.filter is not None:

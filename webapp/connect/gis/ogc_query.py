@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,8 @@ MOST_ITEMS = 10_000
 USUAL_ITEMS = 100
 _LONGEST = 300
 """Characters of a parameter."""
+
+_LONG = {"filter": MAX_CHARACTERS}
 
 CRS84 = "http://www.opengis.net/def/crs/OGC/1.3/CRS84"
 _LANGUAGE = "cql2-text"
@@ -75,6 +77,9 @@ ITEM_PARAMETERS: tuple[dict[str, Any], ...] = (
         "schema": {"type": "string", "maxLength": _LONGEST},
     },
 )
+COMMON_PARAMETERS = tuple(
+    one for one in ITEM_PARAMETERS if one["name"] in {"bbox", "datetime", "limit", "after"}
+)
 FORMAT_PARAMETER: dict[str, Any] = {
     "name": "f",
     "in": "query",
@@ -84,6 +89,9 @@ FORMAT_PARAMETER: dict[str, Any] = {
 
 Box = tuple[float, float, float, float]
 """West, south, east, north."""
+
+Region = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.bool_]]
+"""Returns whether it has points, given their latitudes and longitudes, (n,)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +103,10 @@ class ItemQuery:
     limit: int = USUAL_ITEMS
     after: str | None = None
     filter: Filter | None = None
+    region: Region | None = None
+
+    def in_region(self, region: Region) -> ItemQuery:
+        return replace(self, region=region)
 
     def wants(self, feature: Mapping[str, Any]) -> bool:
         """Return whether the filter, if any, holds for the id and the properties of a feature."""
@@ -103,11 +115,12 @@ class ItemQuery:
     def within(self, lat: ArrayLike, lon: ArrayLike) -> NDArray[np.bool_]:
         """Return whether points (n,) are wanted by their positions, (n,); NaN is unknown."""
         y, x = np.asarray(lat, np.float64), np.asarray(lon, np.float64)
-        if self.box is None:
-            return np.ones(y.shape, np.bool_)
-        west, south, east, north = self.box
-        across = (west <= x) & (x <= east) if west <= east else (west <= x) | (x <= east)
-        return np.asarray(across & (south <= y) & (y <= north) | np.isnan(x) | np.isnan(y))
+        wanted = np.ones(y.shape, np.bool_) if self.region is None else self.region(y, x)
+        if self.box is not None:
+            west, south, east, north = self.box
+            across = (west <= x) & (x <= east) if west <= east else (west <= x) | (x <= east)
+            wanted &= across & (south <= y) & (y <= north)
+        return np.asarray(wanted | np.isnan(x) | np.isnan(y))
 
     def touches(self, box: Box | None) -> bool:
         """Return whether an area is wanted by its position."""
@@ -138,17 +151,29 @@ def parse_items(given: Mapping[str, Sequence[str]], queryables: Mapping[str, Kin
     for name, only in (("filter-lang", _LANGUAGE), ("filter-crs", CRS84)):
         if values.get(name, only) != only:
             raise UsageError("this is not implemented", where=name, hint=f"use {only}")
+    wanted = parse_filter(values["filter"], queryables) if "filter" in values else None
+    return replace(parse_common(values), filter=wanted)
+
+
+def parse_common(values: Mapping[str, str]) -> ItemQuery:
+    """Parse area, time and part of the result. Raises UsageError."""
     return ItemQuery(
         box=_box(values["bbox"]) if "bbox" in values else None,
         span_s=_span(values["datetime"]) if "datetime" in values else None,
         limit=_limit(values.get("limit", str(USUAL_ITEMS))),
         after=values.get("after"),
-        filter=parse_filter(values["filter"], queryables) if "filter" in values else None,
     )
 
 
-def checked(given: Mapping[str, Sequence[str]], known: set[str]) -> dict[str, str]:
+def checked(
+    given: Mapping[str, Sequence[str]], known: set[str], *, long: Mapping[str, int] = _LONG
+) -> dict[str, str]:
     """Return the parameters of an address, each once; as the standard demands, an unknown one is an error.
+
+    Args:
+        given: Values by name.
+        known: Names that exist.
+        long: Maximum number of characters of those that may be long.
 
     Raises:
         UsageError: A parameter is unknown, repeated or too long, or the format is.
@@ -158,8 +183,7 @@ def checked(given: Mapping[str, Sequence[str]], known: set[str]) -> dict[str, st
             raise UsageError(
                 "this parameter does not exist here", where=name[:80], hint=f"use {', '.join(sorted(known))}"
             )
-        longest = MAX_CHARACTERS if name == "filter" else _LONGEST
-        if len(values) > 1 or len(values[0]) > longest:
+        if len(values) > 1 or len(values[0]) > long.get(name, _LONGEST):
             raise UsageError("this parameter is there twice, or too long", where=name)
     found = {name: values[0] for name, values in given.items()}
     if found.get("f", "json") != "json":

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from webapp.connect.gis import downloads, ogc_api
+from webapp.connect.gis import downloads, ogc_api, stac
 from webapp.web.state import Parts
 
 PARTS = Parts(
-    blueprints=(ogc_api.blueprint, downloads.blueprint),
+    blueprints=(ogc_api.blueprint, stac.blueprint, downloads.blueprint),
     public_lists={},
     path_parameters=ogc_api.PATH_PARAMETERS,
-    operations=ogc_api.OPERATIONS | downloads.OPERATIONS,
+    operations=ogc_api.OPERATIONS | stac.OPERATIONS | downloads.OPERATIONS,
     exports=downloads.MENU,
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mmap
 import sqlite3
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Protocol
@@ -18,6 +18,9 @@ PICTURES = {b"\x89PNG": "image/png", b"\xff\xd8\xff": "image/jpeg", b"RIFF": "im
 
 _SQLITE = b"SQLite format 3\0"
 _PMTILES = b"PMTiles\x03"
+_GZIP = b"\x1f\x8b"
+_LARGEST_DIRECTORY = 16_000_000
+"""Bytes of a directory of PMTiles."""
 
 
 class TileArchive(Protocol):
@@ -45,7 +48,7 @@ def opened_tiles(path: Path) -> Iterator[TileArchive]:
             yield _MbTiles(connection, path.name)
     elif head.startswith(_PMTILES):
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-            yield _PmTiles(content, path.name)
+            yield opened_pmtiles(lambda offset, length: content[offset : offset + length], name=path.name)
     else:
         raise InputError(
             "this is neither MBTiles nor PMTiles of version 3",
@@ -70,11 +73,24 @@ class _MbTiles:
         return None if found is None else _picture(found[0], self._name)
 
 
+def opened_pmtiles(part: Callable[[int, int], bytes], *, name: str) -> TileArchive:
+    """Read PMTiles from any source.
+
+    Args:
+        part: Returns some bytes, given their offset and number.
+        name: Of the file, for errors.
+
+    Raises:
+        MissingPart: The package is not installed.
+    """
+    return _PmTiles(part, name)
+
+
 class _PmTiles:
-    def __init__(self, content: mmap.mmap, name: str) -> None:
+    def __init__(self, part: Callable[[int, int], bytes], name: str) -> None:
         with extra("connect"):
             from pmtiles.reader import Reader
-        self._reader = Reader(lambda offset, length: content[offset : offset + length])
+        self._reader = Reader(lambda offset, length: _not_swelling(part(offset, length)))
         self._name = name
 
     def tile(self, zoom: int, x: int, y: int) -> bytes | None:
@@ -83,6 +99,16 @@ class _PmTiles:
         except (ValueError, IndexError, KeyError, EOFError, OSError, zlib.error) as error:
             raise _damaged(error, self._name) from error
         return None if found is None else _picture(found, self._name)
+
+
+def _not_swelling(data: bytes) -> bytes:
+    """Return a part of PMTiles; refuse a compressed directory that takes far too much memory."""
+    if data.startswith(_GZIP):
+        unpacker = zlib.decompressobj(wbits=31)
+        unpacker.decompress(data, _LARGEST_DIRECTORY)
+        if unpacker.unconsumed_tail:
+            raise ValueError("a directory is too large")
+    return data
 
 
 def _picture(data: object, name: str) -> bytes:

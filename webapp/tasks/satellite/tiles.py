@@ -16,7 +16,6 @@ from webapp.core.geo.tilegrid import TILE_PX, GeoBox, Tile, TileCut, cut_of
 from webapp.errors import InputError, PhotoError, UsageError
 from webapp.files.decode import open_image
 from webapp.files.satellite.raster import keep_pixels
-from webapp.files.satellite.tile_archive import opened_tiles
 from webapp.net.tiles import TileFetcher, TileService, named_service, tile_services
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
@@ -27,6 +26,7 @@ from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.satellite import display
 from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, NewImage
 from webapp.tasks.satellite.files import keep_source
+from webapp.tasks.satellite.tile_files import opened_archive
 
 _MISSING = 204
 """Grey where the service has no tile."""
@@ -102,7 +102,7 @@ def fetch_tiles(
         folder = library.map_folder(session.get_one(MapRecord, map_id).slug)
     progress.size(cut.tile_count)
     progress.note(service.name)
-    with _tiles(service, cut.zoom, cache=library.inner / "tiles", settings=settings) as fetch:
+    with _tiles(service, cut.zoom, inner=library.inner, settings=settings) as fetch:
         canvas, missing, lossless = _stitch(cut, fetch, progress=progress)
     if missing == cut.tile_count:
         raise InputError(
@@ -123,12 +123,12 @@ _Fetch = Callable[[Iterable[Tile], Progress], Iterator[tuple[Tile, bytes | None]
 
 
 @contextmanager
-def _tiles(service: TileService, zoom: int, *, cache: Path, settings: Settings) -> Iterator[_Fetch]:
-    if service.file is None:
-        fetcher = TileFetcher(service, cache=cache, settings=settings.tiles)
+def _tiles(service: TileService, zoom: int, *, inner: Path, settings: Settings) -> Iterator[_Fetch]:
+    if not service.is_own:
+        fetcher = TileFetcher(service, cache=inner / "tiles", settings=settings.tiles)
         yield lambda tiles, progress: fetcher.fetch(tiles, zoom=zoom, progress=progress)
         return
-    with opened_tiles(service.file) as archive:
+    with opened_archive(service, cache=inner / "remote", settings=settings.remote) as archive:
 
         def read(tiles: Iterable[Tile], progress: Progress) -> Iterator[tuple[Tile, bytes | None]]:
             for tile in tiles:

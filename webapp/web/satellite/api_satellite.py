@@ -20,7 +20,7 @@ from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import NotFound, UsageError
 from webapp.files.part_file import receive, show_file_as
 from webapp.files.satellite.georeference_files import parse_corners
-from webapp.files.satellite.tile_archive import PICTURES, opened_tiles
+from webapp.files.satellite.tile_archive import PICTURES
 from webapp.net.tiles import named_service, tile_services
 from webapp.store.operate import jobs
 from webapp.store.operate.job_views import TILES_JOB
@@ -36,6 +36,7 @@ from webapp.tasks.satellite.display import DisplayFile
 from webapp.tasks.satellite.geocode import geocode
 from webapp.tasks.satellite.georeference import GeoreferenceRequest
 from webapp.tasks.satellite.new_image import PlanSize
+from webapp.tasks.satellite.tile_files import opened_archive
 from webapp.tasks.satellite.tiles import TileRequest
 from webapp.web import language
 from webapp.web.concurrency import ConcurrencyLimit
@@ -268,21 +269,23 @@ class ServicesOut(Schema):
 def services() -> dict[str, Any]:
     """List the available tile services, with their attributions."""
     account()
-    return {"services": [*map(service_json, tile_services(settings().tile_services))]}
+    found = tile_services(settings().tile_services)
+    usable = [one for one in found if one.remote is None or settings().remote.enabled]
+    return {"services": [*map(service_json, usable)]}
 
 
 @blueprint.get("/tile-services/<path:name>/tiles/<int:z>/<int:x>/<int:y>")
 @public
 @blueprint.doc(responses=file_answer("The tile.", "image/png", "image/jpeg", "image/webp"))
 def service_tile(*, name: str, z: int, x: int, y: int) -> Response:
-    """Get a tile of a service that is a file of this server: a PNG, JPEG or WebP file."""
+    """Get a tile of a service that is a file, of this server or a remote one: a PNG, JPEG or WebP file."""
     service = named_service(tile_services(settings().tile_services), name)
     if not service.public:
         account()
     missing = NotFound("tile not found", where=f"{z}/{x}/{y}")
-    if service.file is None or z > service.max_zoom or not max(x, y) < 1 << z:
+    if not service.is_own or z > service.max_zoom or not max(x, y) < 1 << z:
         raise missing
-    with opened_tiles(service.file) as archive:
+    with opened_archive(service, cache=library().inner / "remote", settings=settings().remote) as archive:
         data = archive.tile(z, x, y)
     if data is None:
         raise missing

@@ -25,8 +25,12 @@ def offered_layers(*, to_visitors: bool = False) -> tuple[TileService, ...]:
     except UsageError as error:
         _log.warning("no map tile services are offered: %s", error)
         return ()
-    services = tuple(service for service in found if service.public or not to_visitors)
-    allow_images(*sorted({service.origin for service in services if service.file is None}))
+    services = tuple(
+        service
+        for service in found
+        if (service.public or not to_visitors) and (service.remote is None or settings().remote.enabled)
+    )
+    allow_images(*sorted({service.origin for service in services if not service.is_own}))
     return services
 
 

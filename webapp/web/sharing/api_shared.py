@@ -56,6 +56,7 @@ class AllowsOut(Schema):
     originals = Boolean()
     notes = Boolean()
     landmarks = Boolean()
+    contribute = Boolean()
 
 
 class SharedOut(Schema):
@@ -222,7 +223,7 @@ def localize(token: str, given: dict[str, FileStorage]) -> dict[str, Any] | Resp
     With `Accept: text/event-stream` the response is server-sent events, as for members of the map.
     """
     opened = _for_visitors(token)
-    _count_visit(opened)
+    count_visit(opened)
     cache, map_id = map_cache(), opened.map.id
     with ExitStack() as held:
         held.enter_context(visitors_limit.slot())
@@ -242,7 +243,7 @@ def localize(token: str, given: dict[str, FileStorage]) -> dict[str, Any] | Resp
         return answer_or_events(held, answer, form=Located())
 
 
-def _count_visit(opened: OpenedShare) -> None:
+def count_visit(opened: OpenedShare) -> None:
     """Enforce the rate limits of queries, per visitor and of all visitors of the share."""
     limiter = cast(FixedWindowRateLimiter, current_app.extensions[_LIMITER])
     share, limits = str(opened.share.id), settings().web

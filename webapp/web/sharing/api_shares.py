@@ -47,6 +47,12 @@ class AllowsIn(Schema):
         load_default=False,
         metadata={"description": "The map in 3D: landmarks and cameras; of a shared map only."},
     )
+    contribute = Boolean(
+        load_default=False,
+        metadata={
+            "description": "Visitors may give photos, which wait for a decision; of a shared map only."
+        },
+    )
 
 
 class ShareIn(AllowsIn):
@@ -69,6 +75,7 @@ class ShareOut(Schema):
     originals = Boolean()
     notes = Boolean()
     landmarks = Boolean()
+    contribute = Boolean()
     maker = String(
         allow_none=True, metadata={"description": "Who made it; null where that account was removed."}
     )
@@ -160,6 +167,7 @@ def _share_json(
         "originals": share.originals,
         "notes": share.notes,
         "landmarks": share.landmarks,
+        "contribute": share.contribute,
         "maker": maker,
         "created_at": share.created_at.isoformat(timespec="seconds"),
         "url": None if token is None else url_for("public_pages.show", token=token, _external=True),

@@ -6,13 +6,15 @@ from flask import Blueprint, render_template
 
 from webapp.errors import NotFound
 from webapp.store import sharing
+from webapp.store.maps import maps
 from webapp.store.sharing import OpenedShare
 from webapp.tasks.localize.index_location import has_landmarks
 from webapp.tasks.maps.walk import stops_of, walk_along
 from webapp.web import errors
 from webapp.web.accounts.security import allow_framing
-from webapp.web.context import library, public
+from webapp.web.context import account, library, public, reading_map
 from webapp.web.localize.answers import answer_colours
+from webapp.web.maps import state
 from webapp.web.maps.state import written_facts
 from webapp.web.maps.view import walk_json
 from webapp.web.pages import page
@@ -21,6 +23,7 @@ from webapp.web.sharing import shared_state
 from webapp.web.state import parts
 
 blueprint = Blueprint("public_pages", __name__)
+members = Blueprint("sharing_pages", __name__)
 
 _Page = tuple[str, int, dict[str, str]]
 
@@ -68,11 +71,25 @@ def show_landmarks(token: str) -> _Page:
             opened = shared_state.open_landmarks(session, token)
     except NotFound as error:
         return _gone(error, framed=False)
-    state = shared_state.landmarks_page(opened, token=token)
+    about = shared_state.landmarks_page(opened, token=token)
     page = render_template(
-        "sharing/shared_landmarks.html", page=state, can_walk=opened.share.photos, in_3d=True
+        "sharing/shared_landmarks.html", page=about, can_walk=opened.share.photos, in_3d=True
     )
     return page, 200, _headers(opened)
+
+
+@members.get("/maps/<slug>/contributions")
+@page(chapter="contributions", tab="map_pages.editor")
+def contributions(slug: str) -> str:
+    """Show the photos from visitors that wait for a decision."""
+    with reading_map(slug) as (session, record):
+        role = maps.role_of(session, record, account=account())
+        data = {
+            "slug": record.slug,
+            "can_edit": role in ("editor", "owner"),
+            "satellite": state.satellite_json(record),
+        }
+    return render_template("sharing/contributions.html", map=record, page=data)
 
 
 def _page(token: str, *, framed: bool, walks: bool = True) -> _Page:
@@ -80,19 +97,19 @@ def _page(token: str, *, framed: bool, walks: bool = True) -> _Page:
     try:
         with library().database.read() as session:
             opened = sharing.open_share(session, token)
-            state = shared_state.of_page(session, opened, token=token)
-            can_walk = opened.share.photos and opened.query is None and bool(state["photos"])
+            whole = shared_state.of_page(session, opened, token=token)
+            can_walk = opened.share.photos and opened.query is None and bool(whole["photos"])
             stops = stops_of(session, opened.map) if can_walk and walks else ()
     except NotFound as error:
         return _gone(error, framed=framed)
     page = render_template(
         "sharing/shared_view.html" if stops else "sharing/shared_map.html",
         opened=opened,
-        state=state,
+        state=whole,
         walk=walk_json(walk_along(stops), times=opened.share.originals) if stops else None,
         can_walk=can_walk,
         written=written_facts(),
-        services=offered_layers(to_visitors=True) if state["georeference"] else (),
+        services=offered_layers(to_visitors=True) if whole["georeference"] else (),
         in_3d=opened.share.landmarks and has_landmarks(library().cfg(opened.map.slug)),
         colours=answer_colours(),
         framed=framed,

@@ -1,0 +1,85 @@
+/** Photos from visitors: each is accepted at its suggested place, or refused, with one click; both can be undone. */
+
+import { del, get, post, put } from "../shared/api.js";
+import { busy } from "../shared/dialogs.js";
+import { byId, h, icon } from "../shared/dom.js";
+import { moment, t, tn } from "../shared/i18n.js";
+import { toast, toastError } from "../shared/toast.js";
+
+const page = JSON.parse(byId("page").textContent);
+const base = `/maps/${encodeURIComponent(page.slug)}`;
+
+if (page.can_edit) show().catch(toastError);
+
+async function show() {
+  const { photos, waiting } = await get(`${base}/contributions`);
+  byId("waiting").textContent = waiting ? tn("{n} photo waits.", "{n} photos wait.", waiting) : t("No photos wait.");
+  const cards = photos.map(card);
+  byId("photos").replaceChildren(...cards);
+  for (const [n, photo] of photos.entries()) {
+    if (!(await suggestBlur(photo, cards[n]))) return;
+  }
+}
+
+/** @param {Api["WaitingOut"]} photo */
+function card(photo) {
+  const isPlaced = photo.x_px !== null;
+  const accept = h("button", { class: "button button--primary", type: "button", disabled: !isPlaced, "data-testid": "accept" }, icon("check"), t("Accept"));
+  const refuse = h("button", { class: "button", type: "button", "data-testid": "refuse" }, icon("trash"), t("Refuse"));
+  accept.addEventListener("click", () => decide(accept, t("The photo was accepted"), () => post(`${base}/contributions/${photo.id}/accept`)));
+  refuse.addEventListener("click", () => decide(refuse, t("The photo was refused"), () => del(`${base}/experiences/${photo.id}`)));
+  return h("li", { class: "card co-card", "data-testid": "contribution", dataset: { id: photo.id } },
+    h("img", { class: "co-photo", src: photo.preview, alt: photo.name, width: photo.width, height: photo.height, loading: "lazy" }),
+    page.satellite && isPlaced && spot(photo),
+    h("div", { class: "co-text" },
+      h("div", {}, photo.name),
+      h("div", { class: "small soft" }, moment(photo.sent_at), " · ", isPlaced ? t("found, with {percent} %", { percent: Math.round(100 * photo.probability) }) : t("place not found: place it in the editor, or refuse it")),
+      h("div", { class: "small", "data-part": "blur" })),
+    h("div", { class: "row co-buttons" }, accept, refuse,
+      h("a", { class: "button button--quiet", href: `${base}/edit?photo=${photo.id}` }, icon("pencil"), t("In the editor"))));
+}
+
+/** The image of the map with the suggested place. */
+function spot({ x_px: x, y_px: y }) {
+  const { width, height, url } = page.satellite;
+  const dot = h("span", { class: "co-dot" });
+  dot.style.left = `${(100 * x) / width}%`;
+  dot.style.top = `${(100 * y) / height}%`;
+  return h("div", { class: "co-map" }, h("img", { src: url, alt: t("Suggested place"), loading: "lazy" }), dot);
+}
+
+async function decide(button, said, request) {
+  await busy(button, async () => {
+    try {
+      await request();
+      toast(said, { action: { label: t("Undo"), run: () => post(`${base}/undo`).then(show).catch(toastError) } });
+      await show();
+    } catch (error) {
+      toastError(error);
+    }
+  });
+}
+
+/** Look for faces and plates; return whether more photos can be searched. */
+async function suggestBlur(photo, element) {
+  const place = element.querySelector("[data-part=blur]");
+  try {
+    const { boxes, missing } = await get(`${base}/photos/${photo.id}/blur/suggestions`);
+    if (boxes.length) {
+      const wanted = boxes.map(({ x, y, width, height }) => ({ x, y, width, height }));
+      const blur = h("button", { class: "button button--quiet", type: "button", "data-testid": "blur" }, t("Blur them"));
+      blur.addEventListener("click", () => busy(blur, () => put(`${base}/photos/${photo.id}/blur`, { boxes: wanted }).then(show)).catch(toastError));
+      place.replaceChildren(tn("{n} face or plate was found.", "{n} faces or plates were found.", boxes.length), " ", blur);
+    } else if (missing.length) {
+      place.textContent = t("Look for faces and number plates yourself: the networks that find them are not installed.");
+    }
+    return true;
+  } catch (error) {
+    if (error.status === 503 || error.status === 424 || error.code === "missing_part") {
+      place.textContent = t("Look for faces and number plates yourself: the networks that find them are not installed.");
+      return false;
+    }
+    toastError(error);
+    return false;
+  }
+}
