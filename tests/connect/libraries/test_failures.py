@@ -7,7 +7,7 @@ from sqlalchemy import select
 from tests.connect.libraries.conftest import PAGE
 from tests.connect.libraries.immich_server import Shot
 from webapp.connect.libraries.command import libraries
-from webapp.connect.libraries.sealing import unseal
+from webapp.connect.libraries.records import unseal
 from webapp.errors import InputError
 from webapp.store.photo_libraries import LinkedAlbum, PhotoLibrary
 
@@ -171,11 +171,12 @@ def test_what_is_unlinked_stays_on_the_map(linked, client):
     assert client.get(f"/api/v1/maps/{linked.slug}").json["photos"][photos - 1]["id"] == photos - 1
 
 
-def test_the_command_lists_albums_and_says_what_is_wrong(server, monkeypatch):
+def test_the_command_lists_albums_and_says_what_is_wrong(server, monkeypatch, tmp_path):
     monkeypatch.setenv("EXPMAP_LIBRARIES_PRIVATE_HOSTS", "127.0.0.0/8")
-    monkeypatch.setenv("PHOTO_LIBRARY_KEY", server.key)
-    done = CliRunner().invoke(libraries, [server.kind, server.url])
+    file = tmp_path / "key"
+    file.write_text(f"{server.key}\n")
+    done = CliRunner().invoke(libraries, [server.kind, server.url, "--key-file", str(file)])
     assert done.output == "      3  Round\n1 albums\n"
     monkeypatch.setenv("EXPMAP_LIBRARIES_PRIVATE_HOSTS", "")
-    done = CliRunner().invoke(libraries, [server.kind, server.url])
+    done = CliRunner().invoke(libraries, [server.kind, server.url], input=f"{server.key}\n")
     assert isinstance(done.exception, InputError) and "libraries.private_hosts" in done.exception.hint

@@ -35,8 +35,8 @@ class Followed(NamedTuple):
 def follow(
     change: MapChange,
     rows: Mapping[str, LinkedPhoto],
-    assets: Mapping[str, Asset],
     *,
+    assets: Mapping[str, Asset],
     account_id: int | None,
 ) -> Followed:
     """Take over what has changed in the album since the last update, as edits that can be undone.
@@ -58,14 +58,14 @@ def follow(
             continue
         if row.state != HERE:
             gone |= _return(row, photo)
-        moved |= _move(record, row, photo, asset=asset, by_gps=by_gps)
+        moved |= _move(record, row, photo=photo, asset=asset, by_gps=by_gps)
     edits.apply(session, record, changes=gone, kind="remove", account_id=account_id)
     edits.apply(session, record, changes=moved, kind="place-gps", account_id=account_id)
     return Followed(sum(fields["removed"] for fields in gone.values()), len(moved))
 
 
 def needs_writing(
-    session: Session, record: MapRecord, rows: Mapping[str, LinkedPhoto], assets: Mapping[str, Asset]
+    session: Session, record: MapRecord, *, rows: Mapping[str, LinkedPhoto], assets: Mapping[str, Asset]
 ) -> dict[str, LatLon]:
     """Return the positions that people have set here, by asset, where the photo has none there but ours.
 
@@ -144,7 +144,7 @@ def _return(row: LinkedPhoto, photo: Photo | None) -> Changes:
 
 
 def _move(
-    record: MapRecord, row: LinkedPhoto, photo: Photo | None, *, asset: Asset, by_gps: Collection[int]
+    record: MapRecord, row: LinkedPhoto, *, photo: Photo | None, asset: Asset, by_gps: Collection[int]
 ) -> Changes:
     """Take over a position that has changed there, unless a person has placed or removed the photo here."""
     there, last = asset.position, _last(row)

@@ -11,8 +11,6 @@ from typing import NamedTuple
 from flask import Blueprint, flash, render_template
 from flask_babel import gettext as _
 from flask_babel import lazy_gettext
-from sqlalchemy import select
-from sqlalchemy.orm import Session
 from werkzeug.wrappers import Response
 
 from webapp.connect.libraries import records
@@ -20,7 +18,6 @@ from webapp.connect.libraries.protocol import Album, LibraryClient
 from webapp.errors import ExpMapError, InputError, NotFound
 from webapp.settings import LibrarySettings
 from webapp.store.maps import maps
-from webapp.store.schema import MapRecord
 from webapp.web import errors
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, settings
@@ -191,7 +188,7 @@ def _page(error: ExpMapError | None = None, *, choice: _Choice | None = None) ->
         libraries = records.list_libraries(session, account().id)
         linked = records.linked_albums(session, account().id)
         counts = records.counts(session, [album for album, _record in linked])
-        own = _editable(session) if choice else []
+        own = maps.list_editable(session, account()) if choice else []
     return render_template(
         "accounts/libraries.html",
         error=error,
@@ -204,14 +201,6 @@ def _page(error: ExpMapError | None = None, *, choice: _Choice | None = None) ->
         names=_NAMES,
         intervals=_INTERVALS,
     )
-
-
-def _editable(session: Session) -> list[MapRecord]:
-    """List the maps that the account may edit, by name."""
-    seen = select(MapRecord).where(MapRecord.id.in_(maps.visible(account()))).order_by(MapRecord.name)
-    found = list(session.scalars(seen))
-    roles = maps.roles_of(session, found, account=account())
-    return [record for record in found if roles.get(record.id) in ("editor", "owner")]
 
 
 PARTS = Parts(

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Callable, Sequence
 from datetime import timedelta
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
@@ -14,9 +15,10 @@ from urllib3.util import parse_url
 from webapp.connect.libraries.due import JOB
 from webapp.connect.libraries.immich import Immich
 from webapp.connect.libraries.protocol import Album, LibraryClient
-from webapp.connect.libraries.sealing import seal, unseal
-from webapp.errors import Conflict, NotFound, UsageError
+from webapp.errors import Conflict, InputError, NotFound, UsageError
+from webapp.extras import extra
 from webapp.settings import LibrarySettings
+from webapp.store.accounts.secret_key import derived_secret
 from webapp.store.database import moment
 from webapp.store.operate import jobs
 from webapp.store.photo_libraries import HERE, KEPT, LinkedAlbum, LinkedPhoto, PhotoLibrary
@@ -33,6 +35,7 @@ MOST = 20
 
 _MAX_ADDRESS = 1000
 _MAX_KEY = 500
+_PURPOSE = "API keys of photo libraries"
 
 
 def open_client(
@@ -215,3 +218,32 @@ def _checked_key(key: str) -> str:
     if not given or len(given) > _MAX_KEY or not given.isascii() or not given.isprintable() or " " in given:
         raise UsageError("this is not an API key", hint="copy it as the photo library shows it")
     return given
+
+
+def seal(inner: Path, key: str) -> str:
+    """Encrypt an API key, for the database.
+
+    Args:
+        inner: The library's folder with its key.
+    """
+    return str(_cipher(inner).encrypt(key.encode()).decode("ascii"))
+
+
+def unseal(inner: Path, sealed: str) -> str:
+    """Decrypt an API key. Raises InputError if the library's key is another one now."""
+    cipher = _cipher(inner)
+    with extra("connect"):
+        from cryptography.fernet import InvalidToken
+    try:
+        return str(cipher.decrypt(sealed.encode("ascii")).decode())
+    except InvalidToken as error:
+        raise InputError(
+            "the stored API key cannot be read: this server has another secret key now",
+            hint="connect the photo library again",
+        ) from error
+
+
+def _cipher(inner: Path) -> Any:
+    with extra("connect"):
+        from cryptography.fernet import Fernet
+    return Fernet(base64.urlsafe_b64encode(derived_secret(inner, _PURPOSE)))

@@ -181,7 +181,9 @@ class _Update:
     def _follow(self, assets: Mapping[str, Asset]) -> None:
         """Take over removals, returns and moves in one step."""
         with self._context.changing(self._album.map_id) as change:
-            followed = follow(change, self._rows(change.session), assets, account_id=self._context.account_id)
+            followed = follow(
+                change, self._rows(change.session), assets=assets, account_id=self._context.account_id
+            )
         self._report.removed, self._report.moved = followed.removed, followed.moved
 
     def _add_all(self, assets: Sequence[Asset]) -> None:
@@ -206,7 +208,9 @@ class _Update:
         file = self._context.library.uploads / f"album-{self._album.id}-{asset.id}.part"
         most = int(self._context.settings.photo.max_mb * 1e6)
         write_bytes(file, self._client.preview(asset, most_bytes=most))
-        stated = StatedMetadata(asset.position, taken_at=asset.taken_at, camera=asset.camera, remark=REMARK)
+        stated = StatedMetadata(
+            True, asset.position, taken_at=asset.taken_at, camera=asset.camera, remark=REMARK
+        )
         try:
             added = add_photo(
                 self._context.library,
@@ -247,7 +251,7 @@ class _Update:
         """Write positions that people have set here, where the photo has none there but ours."""
         with self._context.library.database.read() as session:
             record = session.get_one(MapRecord, self._album.map_id)
-            wanted = needs_writing(session, record, self._rows(session), assets)
+            wanted = needs_writing(session, record, rows=self._rows(session), assets=assets)
         self._context.progress.size(len(wanted))
         for id, position in wanted.items():
             self._context.progress.check()

@@ -56,11 +56,14 @@ class ServiceMetadata:
 
 @dataclass(frozen=True, slots=True)
 class StatedMetadata:
-    """What another program states about a photo of the user; it takes precedence over EXIF."""
+    """What another program states about a photo of the user."""
 
+    # Whether its position and time take precedence over those of EXIF, or only fill gaps.
+    overrides: bool
     position: LatLon | None = None
     accuracy_m: float | None = None  # 68 % radius of the position
     taken_at: str | None = None  # ISO 8601
+    heading_deg: float | None = None  # Degrees clockwise from north
     camera: str | None = None  # Maker and model
     note: str | None = None  # What people have written on it
     remark: str | None = None  # A sentence about its file
@@ -259,10 +262,12 @@ def _say(row: Photo, known: ServiceMetadata) -> None:
 
 
 def _state(row: Photo, stated: StatedMetadata) -> None:
-    if stated.position is not None:
+    if stated.position is not None and (stated.overrides or row.gps_lat is None):
         row.gps_lat, row.gps_lon = stated.position
         row.gps_accuracy_m, row.gps_problem = stated.accuracy_m, None
-    row.taken_at = stated.taken_at or row.taken_at
+    if stated.taken_at is not None and (stated.overrides or row.taken_at is None):
+        row.taken_at = stated.taken_at
+    row.heading_deg = row.heading_deg if stated.heading_deg is None else stated.heading_deg
     row.camera = stated.camera or row.camera
     row.note = stated.note
     if stated.remark is not None:

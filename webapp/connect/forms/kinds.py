@@ -1,0 +1,7 @@
+"""The kind of the jobs that take over an export; without the libraries that read it."""
+
+from webapp.jobs.kinds import JobRegistry, Kind
+
+JOB = "field-form"
+
+JOBS = JobRegistry(kinds={JOB: Kind("webapp.connect.forms.importing:import_uploaded", short=True)})
