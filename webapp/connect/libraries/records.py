@@ -14,6 +14,7 @@ from urllib3.util import parse_url
 
 from webapp.connect.libraries.due import JOB
 from webapp.connect.libraries.immich import Immich
+from webapp.connect.libraries.photoprism import PhotoPrism
 from webapp.connect.libraries.protocol import Album, LibraryClient
 from webapp.errors import Conflict, InputError, NotFound, UsageError
 from webapp.extras import extra
@@ -24,7 +25,7 @@ from webapp.store.operate import jobs
 from webapp.store.photo_libraries import HERE, KEPT, LinkedAlbum, LinkedPhoto, PhotoLibrary
 from webapp.store.schema import Account, Job, MapRecord
 
-KINDS: dict[str, Callable[..., LibraryClient]] = {"immich": Immich}
+KINDS: dict[str, Callable[..., LibraryClient]] = {"immich": Immich, "photoprism": PhotoPrism}
 """The programs, by the name in the database."""
 
 INTERVALS_H = (0, 1, 24, 168)
