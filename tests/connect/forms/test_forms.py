@@ -14,7 +14,7 @@ from tests.web.conftest import app, client, library, new_account, new_map, owner
 from webapp.app.registry import REGISTRY
 from webapp.connect.forms import importing
 from webapp.connect.forms.command import forms
-from webapp.connect.forms.importing import FormFile, read_export
+from webapp.connect.forms.importing import FormFile, GivenExport, read_export
 from webapp.connect.forms.submissions import read_submissions
 from webapp.errors import InputError
 from webapp.jobs.kinds import Kind
@@ -96,9 +96,8 @@ def read(tmp_path):
         folder = tmp_path / "read"
         folder.mkdir()
         files = [FormFile(path, path.name) for path in paths]
-        return read_export(
-            files, folder=folder, all_answers=all_answers, settings=Settings(), progress=Progress()
-        )
+        given = GivenExport(files, all_answers)
+        return read_export(given, folder=folder, settings=Settings(), progress=Progress())
 
     return do
 

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 import click
 
 from webapp.cli.library import library_option, library_settings, opened_library
-from webapp.connect.forms.importing import FormFile, FormPhoto, import_export, read_export
+from webapp.connect.forms.importing import FormFile, FormPhoto, GivenExport, import_export, read_export
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.accounts import accounts
@@ -27,30 +27,26 @@ from webapp.store.maps import maps
 def forms(export: tuple[Path, ...], all_answers: bool, into: str | None, library: Path | None) -> None:
     """Show what the files EXPORT have: a zip, or a table and a zip with the photos. Nothing is changed."""
     settings = library_settings(library)
-    files = [FormFile(path, path.name) for path in export]
+    given = GivenExport([FormFile(path, path.name) for path in export], all_answers)
     if into is None:
-        _show(files, all_answers=all_answers, settings=settings)
+        _show(given, settings=settings)
     else:
-        _add(files, into, all_answers=all_answers, settings=settings)
+        _add(given, into, settings=settings)
 
 
-def _show(files: list[FormFile], *, all_answers: bool, settings: Settings) -> None:
+def _show(given: GivenExport, *, settings: Settings) -> None:
     with TemporaryDirectory() as folder:
-        found = read_export(
-            files, folder=Path(folder), all_answers=all_answers, settings=settings, progress=Progress()
-        )
+        found = read_export(given, folder=Path(folder), settings=settings, progress=Progress())
         for photo in found.photos:
             click.echo(_line(photo))
     _echo_rest(found.missing, found.unnamed)
 
 
-def _add(files: list[FormFile], into: str, *, all_answers: bool, settings: Settings) -> None:
+def _add(given: GivenExport, into: str, *, settings: Settings) -> None:
     with opened_library(settings) as opened:
         with opened.database.write() as session:
             record = maps.find(session, into, account=accounts.ensure_owner(session), role="editor")
-        report = import_export(
-            opened, record.id, files=files, all_answers=all_answers, settings=settings, progress=Progress()
-        )
+        report = import_export(opened, record.id, given=given, settings=settings, progress=Progress())
     click.echo(f"{report.added} photos added, {report.placed} of them placed; {report.duplicates} were there")
     for failed in report.failed:
         click.echo(f"{failed['name']}: {failed['reason']}", err=True)

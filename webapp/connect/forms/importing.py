@@ -59,6 +59,13 @@ class FormFile(NamedTuple):
     name: str  # As the user knows it
 
 
+class GivenExport(NamedTuple):
+    """The files of an export, and how they are read."""
+
+    files: Sequence[FormFile]
+    all_answers: bool = False  # Notes have all answers, not only the comments
+
+
 @dataclass(slots=True)
 class FormReport:
     """The result of taking over an export."""
@@ -86,15 +93,16 @@ def import_uploaded(context: Context) -> Mapping[str, Any]:
 
     The argument `files` lists tokens and names of its files, which are deleted afterwards.
     """
-    given = context.arguments["files"]
-    files = [FormFile(archive_path(context.library, one["token"]), one["name"]) for one in given]
+    files = [
+        FormFile(archive_path(context.library, one["token"]), one["name"])
+        for one in context.arguments["files"]
+    ]
     if not all(file.path.is_file() for file in files):
         raise NotFound("the uploaded export no longer exists", hint="upload it again")
     report = import_export(
         context.library,
         context.map().id,
-        files=files,
-        all_answers=bool(context.arguments["all_answers"]),
+        given=GivenExport(files, bool(context.arguments["all_answers"])),
         settings=context.settings,
         progress=context.progress,
         changing=context.changing,
@@ -108,8 +116,7 @@ def import_export(
     library: Library,
     map_id: int,
     *,
-    files: Sequence[FormFile],
-    all_answers: bool,
+    given: GivenExport,
     settings: Settings,
     progress: Progress,
     changing: Changing | None = None,
@@ -121,9 +128,7 @@ def import_export(
         NotFound: The map is gone.
     """
     with staged(library) as folder:
-        export = read_export(
-            files, folder=folder, all_answers=all_answers, settings=settings, progress=progress
-        )
+        export = read_export(given, folder=folder, settings=settings, progress=progress)
         report = FormReport(missing=export.missing, unnamed=export.unnamed)
         progress.size(len(export.photos))
         progress.note("adding photos")
@@ -152,19 +157,16 @@ def staged(library: Library) -> Iterator[Path]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def read_export(
-    files: Sequence[FormFile], *, folder: Path, all_answers: bool, settings: Settings, progress: Progress
-) -> FormExport:
+def read_export(given: GivenExport, *, folder: Path, settings: Settings, progress: Progress) -> FormExport:
     """Unpack and read an export.
 
     Args:
         folder: Empty; for its files.
-        all_answers: Notes have all answers, not only the comments.
 
     Raises:
         InputError: A file is damaged or too large, or no table names a photo of the export.
     """
-    for number, file in enumerate(files):
+    for number, file in enumerate(given.files):
         _unpack(file, folder / str(number), settings=settings, progress=progress)
     there = sorted(path for path in folder.rglob("*") if path.is_file())
     tables = [path for path in there if path.suffix.lower() == ".csv"]
@@ -174,7 +176,7 @@ def read_export(
             "the export has no table",
             hint="choose a zip with a table (CSV or GeoPackage) and its photos",
         )
-    named = read_submissions(tables, folder=folder, all_answers=all_answers)
+    named = read_submissions(tables, folder=folder, all_answers=given.all_answers)
     for package in packages:
         named += _of_package(package, where=package.relative_to(folder).as_posix())
     return _matched(named, _Files(folder, there))

@@ -2,6 +2,4 @@
 
 from webapp.jobs.kinds import JobRegistry, Kind
 
-JOB = "field-form"
-
-JOBS = JobRegistry(kinds={JOB: Kind("webapp.connect.forms.importing:import_uploaded", short=True)})
+JOBS = JobRegistry(kinds={"field-form": Kind("webapp.connect.forms.importing:import_uploaded", short=True)})

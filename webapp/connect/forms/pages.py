@@ -10,7 +10,6 @@ from flask_babel import lazy_gettext
 from werkzeug.datastructures import FileStorage
 from werkzeug.wrappers import Response
 
-from webapp.connect.forms.kinds import JOB
 from webapp.errors import ExpMapError, UsageError
 from webapp.files.part_file import receive
 from webapp.store.maps import maps
@@ -24,6 +23,7 @@ from webapp.web.state import AccountPage, Parts
 
 pages = Blueprint("form_pages", __name__)
 
+_JOB = "field-form"
 _MOST_FILES = 2
 
 
@@ -64,7 +64,7 @@ def _queue(given: list[FileStorage]) -> None:
         with library().database.write() as session:
             jobs.enqueue(
                 session,
-                JOB,
+                _JOB,
                 map_id=record.id,
                 account_id=account().id,
                 arguments=arguments,

@@ -98,7 +98,7 @@ def link(id: int) -> Shown:
             record = maps.find(session, text("map"), account=account(), role="editor")
             there = records.find(session, account().id, id=id)
             every_h, back_too = _number("every_h"), bool(text("writes_back"))
-            records.link(session, there, record, album=album, every_h=every_h, writes_back=back_too)
+            records.link(session, there, record=record, album=album, every_h=every_h, writes_back=back_too)
     except ExpMapError as error:
         return _page(error), errors.status_of(error)
     flash(_("The photos are being fetched; the menu of jobs shows how far it is."), "success")

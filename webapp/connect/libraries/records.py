@@ -140,8 +140,8 @@ def find_album(session: Session, account_id: int, *, id: int) -> LinkedAlbum:
 def link(
     session: Session,
     library: PhotoLibrary,
-    record: MapRecord,
     *,
+    record: MapRecord,
     album: Album,
     every_h: int,
     writes_back: bool,
