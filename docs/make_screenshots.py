@@ -469,9 +469,9 @@ def link_album(page: Page, app: App) -> None:
 
 def choose_export(page: Page) -> None:
     """Choose a table and the photos of a form."""
-    files = [("trees.csv", "text/csv"), ("media.zip", "application/zip")]
-    chosen: Any = [{"name": name, "mimeType": kind, "buffer": b"-"} for name, kind in files]
-    page.get_by_label("Files").set_input_files(chosen)
+    for label, name in (("Export", "survey.csv"), ("Zip with the photos", "media.zip")):
+        chosen: Any = {"name": name, "mimeType": "application/octet-stream", "buffer": b"-"}
+        page.get_by_label(label).first.set_input_files(chosen)
 
 
 def settle(page: Page) -> None:

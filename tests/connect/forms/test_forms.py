@@ -181,14 +181,20 @@ def park(library, owner, new_map):
     return slug
 
 
+def post(browser, slug, *paths, **fields):
+    given = zip(("file", "media"), paths, strict=False)
+    files = {name: (io.BytesIO(path.read_bytes()), path.name) for name, path in given}
+    return browser.post(f"/api/v1/maps/{slug}/field-forms", data={**files, **fields})
+
+
 @pytest.fixture
 def upload(client, library, settings, park):
     """Upload an export on the page and do the job; returns it."""
 
     def do(*paths, **fields):
-        files = [(io.BytesIO(path.read_bytes()), path.name) for path in paths]
-        answer = client.post(PAGE, data={"files": files, "map": park, **fields})
-        assert answer.status_code == 303, answer.text
+        answer = post(client, park, *paths, **fields)
+        assert answer.status_code == 202, answer.text
+        assert (answer.json["kind"], answer.json["map"]) == ("field-form", park)
         Worker(library, settings, registry=QUICK).run(once=True)
         with library.database.read() as session:
             return session.scalars(
@@ -207,7 +213,9 @@ def photos(library):
     return read
 
 
-def test_an_upload_becomes_photos_with_positions_and_notes(upload, photos, central, qfield, library, client):
+def test_an_upload_becomes_photos_with_positions_and_notes(
+    upload, photos, central, qfield, library, client, kobo
+):
     assert PAGE in client.get("/account").text
     result = upload(central).result
     assert {key: result[key] for key in ("added", "placed", "duplicates", "failed")} == {
@@ -225,6 +233,7 @@ def test_an_upload_becomes_photos_with_positions_and_notes(upload, photos, centr
     assert upload(qfield).result["added"] == 1
     again = upload(central).result
     assert (again["added"], again["duplicates"], len(photos())) == (0, 3, 4)
+    assert upload(*kobo, all_answers="true").result["added"] == 2
     left = [path.name for path in library.inner.rglob("*.zip")]
     assert left == []
 
@@ -257,17 +266,16 @@ def test_a_file_that_is_no_photo_is_named_and_the_others_are_added(upload, tmp_p
     assert list(photos()) == ["b.jpg"]
 
 
-def test_wrong_uploads_are_named_on_the_page(client, central, park, new_account, sign_in):
-    def post(browser, files, slug=park):
-        given = [(io.BytesIO(central.read_bytes()), f"{n}.zip") for n in range(files)]
-        return browser.post(PAGE, data={"files": given, "map": slug})
-
-    assert post(client, 0).status_code == 400
-    assert "Choose one file, or a table and a zip with the photos" in post(client, 3).text
-    assert post(client, 1, "none").status_code == 404
+def test_the_page_offers_the_maps_that_one_may_edit_and_the_route_takes_no_others(
+    client, central, park, new_account, sign_in
+):
+    assert f'<option value="{park}">' in client.get(PAGE).text
     other = sign_in(new_account("Eva"))
-    assert post(other, 1).status_code == 404
     assert "There is no map yet" in other.get(PAGE).text
+    assert post(other, park, central).status_code == 404
+    assert post(client, "none", central).status_code == 404
+    assert post(client, park).status_code == 422
+    assert post(client, park, central, all_answers="perhaps").status_code == 422
 
 
 def test_the_command_shows_an_export_and_adds_it(central, library, settings, park, photos, monkeypatch):

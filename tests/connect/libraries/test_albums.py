@@ -20,7 +20,8 @@ def test_photos_come_in_once_with_what_the_library_says_of_them(linked, server):
     assert places(linked) == {"a": near(100, 200), "b": (None, None), "c": near(300, 400)}
     one = linked.photos()["a"]
     assert (one.name, one.taken_at, one.camera) == ("IMG_a.HEIC", "2026-05-01T12:30:15", "Canon EOS R6")
-    assert one.file_notes[0] == "a preview: the original is in the photo library"
+    said = ["a preview: the original is in the photo library", f"{server.url}/photos/a"]
+    assert one.file_notes[:2] == said
     assert one.path == "photos/IMG_a.jpg" and one.source is None
     assert linked.job().result["added"] == 3
     assert linked.update().result == {

@@ -50,4 +50,6 @@ def _due(at: datetime) -> Select[LinkedAlbum, int]:
     )
 
 
-JOBS = JobRegistry(kinds={JOB: Kind("webapp.connect.libraries.updating:update_album")}, watches=(queue_due,))
+JOBS = JobRegistry(
+    kinds={JOB: Kind("webapp.connect.libraries.updating:update_album", short=True)}, watches=(queue_due,)
+)

@@ -31,7 +31,8 @@ class LibraryHttp:
 
     Args:
         name: Of the program, for messages.
-        base: Address of its API.
+        site: Its address.
+        api: Path of its API there.
         headers: With the API key; sent only there, as redirects are not followed.
         check: Called while waiting; what it raises ends the work.
     """
@@ -39,13 +40,15 @@ class LibraryHttp:
     def __init__(
         self,
         name: str,
-        base: str,
+        site: str,
         *,
+        api: str,
         headers: Mapping[str, str],
         settings: LibrarySettings,
         check: Callable[[], object] = lambda: None,
     ) -> None:
-        self.name, self._base, self._settings, self._check = name, base, settings, check
+        self.name, self.site, self._settings, self._check = name, site, settings, check
+        self._base = f"{site}{api}"
         self._pace = RateLimit(settings.requests_per_second)
         self._session = public_session(
             _USER_AGENT, allowed=settings.private_hosts, setting="libraries.private_hosts"

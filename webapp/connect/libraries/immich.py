@@ -29,8 +29,8 @@ class Immich:
         self, address: str, *, key: str, settings: LibrarySettings, check: Callable[[], object] = lambda: None
     ) -> None:
         headers = {"x-api-key": key, "Accept": "application/json, image/*"}
-        base = f"{address.rstrip('/').removesuffix('/api')}/api"
-        self.http = LibraryHttp(self.name, base, headers=headers, settings=settings, check=check)
+        site = address.rstrip("/").removesuffix("/api")
+        self.http = LibraryHttp(self.name, site, api="/api", headers=headers, settings=settings, check=check)
 
     def albums(self) -> list[Album]:
         """List the own albums, and those that others share."""
@@ -60,6 +60,10 @@ class Immich:
             if after is not None and (after <= page or not items):
                 raise self.http.error(_NO_LIST)
             page = after
+
+    def page(self, asset_id: str) -> str:
+        """Return the address of a photo's page."""
+        return f"{self.http.site}/photos/{asset_id}"
 
     def preview(self, asset: Asset, *, most_bytes: int) -> bytes:
         """Fetch the preview, whose longer side has 1440 pixels unless the server is set up otherwise."""

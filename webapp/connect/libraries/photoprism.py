@@ -35,8 +35,10 @@ class PhotoPrism:
         self, address: str, *, key: str, settings: LibrarySettings, check: Callable[[], object] = lambda: None
     ) -> None:
         headers = {"Authorization": f"Bearer {key}", "Accept": "application/json, image/*"}
-        base = f"{address.rstrip('/').removesuffix('/api/v1')}/api/v1"
-        self.http = LibraryHttp(self.name, base, headers=headers, settings=settings, check=check)
+        site = address.rstrip("/").removesuffix("/api/v1")
+        self.http = LibraryHttp(
+            self.name, site, api="/api/v1", headers=headers, settings=settings, check=check
+        )
         self._token: str | None = None
 
     def albums(self) -> list[Album]:
@@ -56,6 +58,10 @@ class PhotoPrism:
                 yield [_asset(item) for item in items if item["Type"] in _PHOTOS]
             except (AttributeError, KeyError, TypeError, ValueError) as error:
                 raise self.http.error("did not send a list of photos") from error
+
+    def page(self, asset_id: str) -> str:
+        """Return the address of a search that finds a photo."""
+        return f"{self.http.site}/library/browse?q=uid:{asset_id}"
 
     def preview(self, asset: Asset, *, most_bytes: int) -> bytes:
         """Fetch a preview of at most 1920 by 1200 pixels."""

@@ -43,6 +43,9 @@ class LibraryClient(Protocol):
     def pages(self, album_id: str) -> Iterator[list[Asset]]:
         """Yield the photos of an album, a page at a time."""
 
+    def page(self, asset_id: str) -> str:
+        """Return the address of a photo's page, for people."""
+
     def preview(self, asset: Asset, *, most_bytes: int) -> bytes:
         """Fetch a preview, large enough to be localized."""
 

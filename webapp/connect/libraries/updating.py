@@ -209,7 +209,11 @@ class _Update:
         most = int(self._context.settings.photo.max_mb * 1e6)
         write_bytes(file, self._client.preview(asset, most_bytes=most))
         stated = StatedMetadata(
-            True, asset.position, taken_at=asset.taken_at, camera=asset.camera, remark=REMARK
+            True,
+            asset.position,
+            taken_at=asset.taken_at,
+            camera=asset.camera,
+            remarks=(REMARK, self._client.page(asset.id)),
         )
         try:
             added = add_photo(

@@ -66,7 +66,7 @@ class StatedMetadata:
     heading_deg: float | None = None  # Degrees clockwise from north
     camera: str | None = None  # Maker and model
     note: str | None = None  # What people have written on it
-    remark: str | None = None  # A sentence about its file
+    remarks: tuple[str, ...] = ()  # Sentences about its file
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,8 +270,7 @@ def _state(row: Photo, stated: StatedMetadata) -> None:
     row.heading_deg = row.heading_deg if stated.heading_deg is None else stated.heading_deg
     row.camera = stated.camera or row.camera
     row.note = stated.note
-    if stated.remark is not None:
-        row.file_notes = [stated.remark, *(row.file_notes or ())]
+    row.file_notes = [*stated.remarks, *(row.file_notes or ())] or None
 
 
 def _place(row: Photo, record: MapRecord, facts: PhotoFacts) -> str | None:
