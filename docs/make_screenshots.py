@@ -75,6 +75,8 @@ PAGES = {
     "mission-import": ("/missions/1", ("",)),
     "mission-areas": ("/missions/3", ("",)),
     "events": ("/account/events", ("",)),
+    "field-forms": ("/account/forms", ("",)),
+    "photo-libraries": ("/account/libraries", ("",)),  # the last: photos come onto the sample map
 }
 SPOTS = {"kerb, east": 6, "kerb, north": 20, "kerb, west": 30, "manhole": 52}
 """Names of control points, and the photo in front of which each is on the ground."""
@@ -345,6 +347,7 @@ def receiving() -> Iterator[dict[str, str]]:
         mail.start()
         yield {
             "EXPMAP_EVENTS_PRIVATE_HOSTS": "127.0.0.1",
+            "EXPMAP_LIBRARIES_PRIVATE_HOSTS": "127.0.0.1",
             "EXPMAP_MAIL_HOST": "127.0.0.1",
             "EXPMAP_MAIL_PORT": str(port),
             "EXPMAP_MAIL_SECURITY": "none",
@@ -399,6 +402,10 @@ def shoot(browser: Browser, app: App, cookies: Any, *, path: str, name: str, loo
         page.locator("#photo").select_option(value=shown.get_attribute("value"))
     if name == "mission-import":
         preview_import(page)
+    if name == "photo-libraries":
+        link_album(page, app)
+    if name == "field-forms":
+        choose_export(page)
     if name == "mission-areas":
         page.get_by_test_id("tab-areas").click()
         page.get_by_test_id("coverage").first.wait_for()
@@ -439,6 +446,32 @@ def preview_import(page: Page) -> None:
     x, y = box["x"] + box["width"] / 2 + START_PX[0], box["y"] + box["height"] / 2 + START_PX[1]
     page.mouse.click(x, y)
     page.mouse.click(x + 60, y - 25)
+
+
+def link_album(page: Page, app: App) -> None:
+    """Connect a stand-in of Immich, whose album has photos of the sample, and link the album with the map."""
+    made: Any = import_name("tests.connect.libraries.immich_server:ImmichServer")  # can be removed
+    shot: Any = import_name("tests.connect.libraries.immich_server:Shot")
+    serving: Any = import_name("tests.connect.libraries.immich_server:serving")
+    files = sorted((app.library / "sample" / "queries").glob("*.jpg"))
+    server = made([shot(file.stem, file=file.read_bytes()) for file in files])
+    server.albums = {next(iter(server.albums)): "Autumn in the park"}
+    with serving(server):
+        page.get_by_label("Address").fill(server.url)
+        page.get_by_label("API key").fill(server.key)
+        page.get_by_role("button", name="Connect").click()
+        page.get_by_test_id("link-album").locator("#map").select_option("sample")
+        page.get_by_role("button", name="Add its photos").click()
+        while page.get_by_text(f"{len(files)} photos").count() == 0:
+            page.wait_for_timeout(500)
+            page.goto("/account/libraries")
+
+
+def choose_export(page: Page) -> None:
+    """Choose a table and the photos of a form."""
+    for label, name in (("Export", "survey.csv"), ("Zip with the photos", "media.zip")):
+        chosen: Any = {"name": name, "mimeType": "application/octet-stream", "buffer": b"-"}
+        page.get_by_label(label).first.set_input_files(chosen)
 
 
 def settle(page: Page) -> None:

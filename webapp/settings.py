@@ -405,6 +405,26 @@ class MailSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class LibrarySettings:
+    """Photo libraries that accounts connect: Immich and PhotoPrism."""
+
+    private_hosts: str | None = None
+    """Hosts and networks that a library may have although they are private, separated by commas."""
+
+    max_photos: int = 10_000
+    """Photos of an album."""
+
+    requests_per_second: float = 8.0
+    """Rate limit of a library."""
+
+    timeout_s: float = 20.0
+    """Seconds without a response after which a request is repeated."""
+
+    patience_s: float = 120.0
+    """Longest pause that a library may ask for, in seconds; for a longer one, the job fails."""
+
+
+@dataclass(frozen=True, slots=True)
 class Settings:
     """All settings of one run."""
 
@@ -427,6 +447,7 @@ class Settings:
     missions: MissionSettings = field(default_factory=MissionSettings)
     events: EventSettings = field(default_factory=EventSettings)
     mail: MailSettings = field(default_factory=MailSettings)
+    libraries: LibrarySettings = field(default_factory=LibrarySettings)
     library: Path = Path("maps")
     """Folder of the maps."""
 

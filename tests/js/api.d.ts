@@ -645,6 +645,24 @@ export interface components {
             /** @enum {string} */
             format: "zip" | "geojson" | "kml" | "kmz" | "html" | "exif" | "xmp" | "csv";
         };
+        FieldFormIn: {
+            /**
+             * @description Write all answers into the notes, not only comments.
+             * @default false
+             */
+            all_answers: boolean;
+            /**
+             * Format: binary
+             * @description A zip, a CSV or a GeoPackage.
+             */
+            file: string;
+            /**
+             * Format: binary
+             * @description A zip with the photos, if `file` has none.
+             * @default null
+             */
+            media: string | null;
+        };
         FileOut: {
             /** @description Largest chunk. */
             chunk_bytes?: number;

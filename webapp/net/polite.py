@@ -169,7 +169,7 @@ class PoliteClient:
         return data
 
     def _wait_as_asked(self, answer: requests.Response, *, otherwise_s: float) -> None:
-        wait_s = _seconds(answer.headers.get("Retry-After"))
+        wait_s = retry_after_s(answer.headers.get("Retry-After"))
         if wait_s is not None and wait_s > self._settings.patience_s:
             raise TooMany(
                 f"{self._name} asks for a pause of {wait_s:.0f} seconds",
@@ -217,7 +217,7 @@ def _host(address: str) -> str:
         return "?"
 
 
-def _seconds(text: str | None) -> float | None:
+def retry_after_s(text: str | None) -> float | None:
     """Parse the header Retry-After, which is in seconds or a date; None if it is neither."""
     if text is None:
         return None

@@ -10,7 +10,7 @@ import ipaddress
 import socket
 from contextvars import ContextVar
 from ipaddress import IPv4Address, IPv6Address
-from typing import Any
+from typing import Any, NamedTuple
 
 import requests
 from urllib3 import HTTPConnectionPool, HTTPSConnectionPool
@@ -25,21 +25,31 @@ from webapp.net.bounded import (
 )
 
 _NAT64 = ipaddress.ip_network("64:ff9b::/96")
-_allowed: ContextVar[str] = ContextVar("allowed_private_hosts", default="")
+_policy: ContextVar[Policy] = ContextVar("allowed_private_hosts")
 
 
-def public_session(user_agent: str, *, allowed: str | None) -> requests.Session:
+class Policy(NamedTuple):
+    """Which private addresses are accepted."""
+
+    allowed: str  # Hosts and networks, separated by commas
+    setting: str  # Name of the setting that allows them
+
+
+def public_session(
+    user_agent: str, *, allowed: str | None, setting: str = "events.private_hosts"
+) -> requests.Session:
     """Make a session that connects to public addresses only, without a proxy.
 
     Args:
         allowed: Hosts and networks that are accepted in addition, separated by commas.
+        setting: Name of the setting that they are from.
     """
-    session = bounded_session(user_agent, _PublicAdapter(allowed or ""))
+    session = bounded_session(user_agent, _PublicAdapter(Policy(allowed or "", setting)))
     session.trust_env = False  # a proxy would resolve the names itself; no passwords of a .netrc
     return session
 
 
-def resolve(host: str, port: int, *, allowed: str) -> list[str]:
+def resolve(host: str, port: int, *, allowed: str, setting: str = "events.private_hosts") -> list[str]:
     """Return the IP addresses of a host, all of which are public or allowed.
 
     Raises:
@@ -54,7 +64,7 @@ def resolve(host: str, port: int, *, allowed: str) -> list[str]:
         if not _is_public(ip) and host.lower().rstrip(".") not in own and not _is_within(ip, own):
             raise InputError(
                 f"{host} is at {address}, which is not a public address",
-                hint="the operator of the server can allow it: events.private_hosts",
+                hint=f"the operator of the server can allow it: {setting}",
             )
     return addresses
 
@@ -82,8 +92,8 @@ def _is_within(ip: IPv4Address | IPv6Address, allowed: list[str]) -> bool:
 
 
 class _PublicAdapter(BoundedAdapter):
-    def __init__(self, allowed: str) -> None:
-        self._allowed = allowed
+    def __init__(self, policy: Policy) -> None:
+        self._policy = policy
         super().__init__()
 
     def init_poolmanager(self, *args: Any, **options: Any) -> None:
@@ -91,11 +101,11 @@ class _PublicAdapter(BoundedAdapter):
         self.poolmanager.pool_classes_by_scheme = {"http": _Pool, "https": _SecurePool}
 
     def send(self, *args: Any, **options: Any) -> requests.Response:
-        token = _allowed.set(self._allowed)
+        token = _policy.set(self._policy)
         try:
             return super().send(*args, **options)
         finally:
-            _allowed.reset(token)
+            _policy.reset(token)
 
 
 class _ToPublic:
@@ -109,7 +119,8 @@ class _ToPublic:
 
     def _new_conn(self) -> socket.socket:
         last: OSError | None = None
-        for address in resolve(self._dns_host, self.port, allowed=_allowed.get()):
+        allowed, setting = _policy.get()
+        for address in resolve(self._dns_host, self.port, allowed=allowed, setting=setting):
             try:
                 return urllib3_connection.create_connection(
                     (address, self.port),

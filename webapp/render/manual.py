@@ -32,6 +32,8 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "next-photos",
         "panoramas",
         "street",
+        "photo-libraries",
+        "field-forms",
         "satellite",
         "basemaps",
         "gis",

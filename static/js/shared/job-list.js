@@ -178,6 +178,8 @@ export function kindName(kind) {
     "mission-inspect": t("Reading a file with tracks"),
     "mission-pieces": t("Long tracks for display"),
     events: t("Notifications"),
+    "photo-library": t("Album of a photo library"),
+    "field-form": t("Export of a field form"),
     "mission-thin": t("Thinning old tracks"),
   };
   return names[kind] || sentence(kind.replaceAll(/[-_.]/g, " "));

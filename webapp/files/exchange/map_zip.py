@@ -83,12 +83,19 @@ class _File:
 
 
 def unpack(
-    archive: Path, folder: Path, *, limits: ImportLimits, reserve_mb: float, progress: Progress
+    archive: Path,
+    folder: Path,
+    *,
+    limits: ImportLimits,
+    reserve_mb: float,
+    progress: Progress,
+    tables: frozenset[str] = frozenset(),
 ) -> UnpackedMap:
     """Unpack the photos, images, `.cfg` and `.json` files of a zip.
 
     Args:
         folder: New and empty.
+        tables: Suffixes of further files to unpack.
         reserve_mb: Disk space to keep free, megabytes (10^6 bytes).
 
     Raises:
@@ -98,7 +105,7 @@ def unpack(
     """
     _check_number(archive, limits)
     with _zip_errors(archive.name), zipfile.ZipFile(archive) as opened:
-        files, left_out = _checked(opened, limits)
+        files, left_out = _checked(opened, limits, _WANTED | tables)
         check_space(folder, sum(file.info.file_size for file in files), reserve_mb=reserve_mb)
         progress.size(len(files))
         for file in files:
@@ -115,9 +122,9 @@ def is_quick(archive: Path, *, limits: ImportLimits) -> bool:
         return False
     try:
         with zipfile.ZipFile(archive) as opened:
-            if not _is_small(_stated(opened.infolist())):  # before any file is unpacked
+            if not _is_small(_stated(opened.infolist(), _WANTED)):  # before any file is unpacked
                 return False
-            files, _ = _checked(opened, limits)
+            files, _ = _checked(opened, limits, _WANTED)
             return _has_few_pixels(opened, files)
     except (*_BROKEN, InputError, OSError):
         return True  # the import refuses it at once
@@ -179,7 +186,9 @@ def read_title(archive: Path, *, most_files: int) -> str | None:
         return None
 
 
-def _checked(opened: zipfile.ZipFile, limits: ImportLimits) -> tuple[list[_File], list[str]]:
+def _checked(
+    opened: zipfile.ZipFile, limits: ImportLimits, suffixes: frozenset[str]
+) -> tuple[list[_File], list[str]]:
     """Select the files to unpack; refuse the whole zip if any file is invalid."""
     infos = opened.infolist()
     if len(infos) > limits.max_files:
@@ -187,7 +196,7 @@ def _checked(opened: zipfile.ZipFile, limits: ImportLimits) -> tuple[list[_File]
             f"the zip has {len(infos)} files, more than the limit of {limits.max_files}",
             hint="leave out what is not part of the map",
         )
-    stated = _stated(infos)
+    stated = _stated(infos, suffixes)
     for file in stated:
         _check_size(file.info, file.name, limits)
     _check_total(stated, limits)
@@ -197,7 +206,7 @@ def _checked(opened: zipfile.ZipFile, limits: ImportLimits) -> tuple[list[_File]
         name = _safe_name(info, written)
         if _is_folder(info):
             continue
-        if not _wanted(name):
+        if not _wanted(name, suffixes):
             left_out.append(name)
             continue
         same = folded(name)
@@ -219,10 +228,10 @@ def _checked(opened: zipfile.ZipFile, limits: ImportLimits) -> tuple[list[_File]
     return files, left_out
 
 
-def _stated(infos: Sequence[zipfile.ZipInfo]) -> list[_File]:
+def _stated(infos: Sequence[zipfile.ZipInfo], suffixes: frozenset[str]) -> list[_File]:
     """Select the files to unpack by the names as they are stored, of which only the encoding is unknown."""
     names = [(info, info.filename.replace("\\", "/").removeprefix("./")) for info in infos]
-    return [_File(info, name) for info, name in names if not _is_folder(info) and _wanted(name)]
+    return [_File(info, name) for info, name in names if not _is_folder(info) and _wanted(name, suffixes)]
 
 
 def _check_total(files: Sequence[_File], limits: ImportLimits) -> None:
@@ -270,10 +279,10 @@ def _safe_name(info: zipfile.ZipInfo, name: str) -> str:
     return path.as_posix()
 
 
-def _wanted(name: str) -> bool:
+def _wanted(name: str, suffixes: frozenset[str]) -> bool:
     path = PurePosixPath(name)
     hidden = any(part.startswith(".") or part in _IGNORED_FOLDERS for part in path.parts)
-    return not hidden and path.suffix.lower() in _WANTED
+    return not hidden and path.suffix.lower() in suffixes
 
 
 def _check_size(info: zipfile.ZipInfo, name: str, limits: ImportLimits) -> None:

@@ -21,7 +21,7 @@ from webapp.errors import TableError
 
 MAGIC = b"SQLite format 3\0"
 
-_NOTES = (
+NOTES = (
     *("note", "notes", "comment", "comments", "remark", "remarks", "description"),
     *("bemerkung", "notiz", "kommentar", "beschreibung", "poznamka", "popis"),
     *("nota", "notas", "comentario", "descripcion", "remarque", "commentaire"),
@@ -127,7 +127,7 @@ class _Reader:
                 continue
             names = [column.name for column in columns if column.name not in (photo, geometry)]
             heading = next((name for name in names if _field(name) == "heading"), None)
-            note = next((name for name in names if name.strip().lower() in _NOTES), None)
+            note = next((name for name in names if name.strip().lower() in NOTES), None)
             plane = _plane(str(organization), code, str(definition))
             yield _Layer(str(table), str(geometry), photo, heading, note, plane)
 

@@ -171,6 +171,14 @@ def visible(account: Account, *, binned: bool = False) -> Select[Any]:
     return found
 
 
+def list_editable(session: Session, account: Account) -> list[MapRecord]:
+    """List the maps in use that an account may edit, by name."""
+    seen = select(MapRecord).where(MapRecord.id.in_(visible(account))).order_by(MapRecord.name, MapRecord.id)
+    found = list(session.scalars(seen))
+    roles = roles_of(session, found, account=account)
+    return [record for record in found if roles.get(record.id) in ("editor", "owner")]
+
+
 def count_binned(session: Session, account: Account) -> int:
     """Count the maps in the bin that an account may see."""
     ids = visible(account, binned=True).subquery()

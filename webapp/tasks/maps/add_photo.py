@@ -55,6 +55,21 @@ class ServiceMetadata:
 
 
 @dataclass(frozen=True, slots=True)
+class StatedMetadata:
+    """What another program states about a photo of the user."""
+
+    # Whether its position and time take precedence over those of EXIF, or only fill gaps.
+    overrides: bool
+    position: LatLon | None = None
+    accuracy_m: float | None = None  # 68 % radius of the position
+    taken_at: str | None = None  # ISO 8601
+    heading_deg: float | None = None  # Degrees clockwise from north
+    camera: str | None = None  # Maker and model
+    note: str | None = None  # What people have written on it
+    remarks: tuple[str, ...] = ()  # Sentences about its file
+
+
+@dataclass(frozen=True, slots=True)
 class IncomingPhoto:
     """A file on its way into a map."""
 
@@ -63,6 +78,7 @@ class IncomingPhoto:
     name: str  # Name of the original file; any text
     id: int | None = None  # Id reserved for it in the map; None for the next one
     known: ServiceMetadata | None = None  # Metadata of a photo from a service
+    stated: StatedMetadata | None = None  # Metadata of a photo from another program
     beside: tuple[Sidecar, ...] = ()  # Files that may belong to it: others are ignored
 
 
@@ -120,13 +136,15 @@ def add_photo(
             raise NotFound("the map was deleted, or is in the bin")
         folder = library.map_folder(record.slug)
         row = _row(facts, name=name, sha256=sha256, size_bytes=source.stat().st_size)
-        is_plan = photo.known is None and (is_map or _may_be_image(facts, record))
+        is_plan = photo.known is None and photo.stated is None and (is_map or _may_be_image(facts, record))
         if is_plan:
             row.file_notes = [*(row.file_notes or ()), _PLAN_NOTE]
         if around is not None:
             mark_panorama(row, around)
         if photo.known is not None:
             _say(row, photo.known)
+        if photo.stated is not None:
+            _state(row, photo.stated)
         if photo.id is not None:
             row.id = photo.id
         row.path = free_path(session, record, folder=folder, row=row, suffix=suffix_of(facts))
@@ -241,6 +259,18 @@ def _say(row: Photo, known: ServiceMetadata) -> None:
     row.heading_deg = row.heading_deg if known.heading_deg is None else known.heading_deg
     row.fov_deg = row.fov_deg if known.fov_deg is None else known.fov_deg
     row.taken_at = known.taken_at or row.taken_at
+
+
+def _state(row: Photo, stated: StatedMetadata) -> None:
+    if stated.position is not None and (stated.overrides or row.gps_lat is None):
+        row.gps_lat, row.gps_lon = stated.position
+        row.gps_accuracy_m, row.gps_problem = stated.accuracy_m, None
+    if stated.taken_at is not None and (stated.overrides or row.taken_at is None):
+        row.taken_at = stated.taken_at
+    row.heading_deg = row.heading_deg if stated.heading_deg is None else stated.heading_deg
+    row.camera = stated.camera or row.camera
+    row.note = stated.note
+    row.file_notes = [*stated.remarks, *(row.file_notes or ())] or None
 
 
 def _place(row: Photo, record: MapRecord, facts: PhotoFacts) -> str | None:
