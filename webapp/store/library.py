@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import secrets
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -15,6 +17,8 @@ from webapp.errors import DatabaseUnavailable, StorageError
 from webapp.store.database import THREADS, Database
 from webapp.store.maps.changing import MapChange, change_map
 from webapp.store.moving import marks
+
+_log = logging.getLogger(__name__)
 
 _BEFORE_0_7 = ("0001", "0002", "0003", "0004", "0005", "0006")
 """Schema versions before 0.7.0; only that version can convert them."""
@@ -334,10 +338,14 @@ def _upgrade(database: Database, connection: Connection) -> None:
     config = Config()
     config.set_main_option("script_location", str(_MIGRATIONS))
     config.attributes["connection"] = connection
+    before, begin = _version(connection), time.monotonic()
     try:
         command.upgrade(config, "head")
         database.backend.note_expanded(connection, EXPANDED_SINCE)
         connection.commit()
+        if before is not None:
+            seconds = time.monotonic() - begin
+            _log.info("the tables were migrated from %s to %s in %.2f s", before, newest_schema(), seconds)
     except CommandError as error:
         raise StorageError(
             "a newer version of the program has made this library", hint="update the program"
