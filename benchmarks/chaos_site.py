@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import threading
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -65,8 +66,8 @@ class Load:
     editors: list[UnsureEditor]
     uploaders: list[Uploader]
     robots: list[PatientRobot]
+    localizers: list[Localizer]
     refusals: Refusals
-    localizers: list[Localizer] = field(default_factory=list)
 
     def work(self, arguments: argparse.Namespace) -> None:
         """Run all clients in parallel for the given time."""
@@ -98,19 +99,25 @@ def set_up(site: Site, arguments: argparse.Namespace, *, made: Made) -> tuple[Lo
     for path in photos:
         cv2.imwrite(str(path), draw.integers(0, 255, (120, 160, 3), np.uint8))
     edited = [owner.make_map(f"Edited {n}", satellite=plan, photos=photos) for n in range(_MAPS)]
-    filled = [owner.make_map(f"Filled {n}", satellite=plan, photos=[]) for n in range(arguments.uploaders)]
+    indexed, queries = _indexed_map(owner, plan, draw=draw)
+    filled = [
+        indexed,  # so that the index that is searched changes all the time
+        *(owner.make_map(f"Filled {n}", satellite=plan, photos=[]) for n in range(1, arguments.uploaders)),
+    ]
     refusals = Refusals()
     clients = iter([PatientClient(site.address, link, refusals) for link in links[1:]])
     editors = [
         UnsureEditor(next(clients), edited[n % _MAPS], seed=n, pause_s=arguments.pause)
         for n in range(arguments.editors)
     ]
-    uploaders = [Uploader(next(clients), slug, seed=1000 + n, pause_s=5.0) for n, slug in enumerate(filled)]
+    uploaders = [
+        Uploader(next(clients), filled[n], seed=1000 + n, pause_s=5.0) for n in range(arguments.uploaders)
+    ]
+    for one in uploaders[:1]:
+        one.tried |= {hashlib.sha256(data).hexdigest() for data, _, _ in queries}
+    localizers = [Localizer(client, indexed, queries, pause_s=arguments.pause) for client in clients]
     robots = [PatientRobot(site.address, made.token, id, refusals=refusals) for id in made.missions]
-    load = Load(editors, uploaders, robots, refusals)
-    if arguments.localizing:
-        slug, queries = _indexed_map(owner, plan, draw=draw)
-        load.localizers = [Localizer(client, slug, queries, pause_s=arguments.pause) for client in clients]
+    load = Load(editors, uploaders, robots, localizers, refusals)
     first = {slug: owner.ask("GET", f"/maps/{slug}") for slug in edited}
     return load, first
 
