@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import http.client
 import os
 import random
 import signal
@@ -25,6 +26,7 @@ from tests.cluster.dask_cluster import ROOT, DaskCluster
 from tests.postgresql_server import PostgresqlServer
 
 _STARTS_WITHIN_S = 120.0
+_PROBES_EVERY_S = 1.0
 _DOWN_S = (0.2, 3.0)
 """Range of the random time until a killed part is restarted."""
 
@@ -144,10 +146,11 @@ class WebNode(Program):
 
 
 class Balancer:
-    """Forwards connections to the ports in turn, skipping those that do not accept."""
+    """Forwards connections to the ports in turn, skipping those that do not accept or are not ready."""
 
     def __init__(self, ports: Iterable[int]) -> None:
         self._ports = list(ports)
+        self._ready: set[int] = set()
         self._turn = 0
         self._listener = socket.create_server(("127.0.0.1", 0), backlog=256)
 
@@ -158,10 +161,22 @@ class Balancer:
 
     def __enter__(self) -> Balancer:
         threading.Thread(target=self._accept, daemon=True).start()
+        for port in self._ports:
+            threading.Thread(target=self._probe, args=(port,), daemon=True).start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._listener.close()
+
+    def _probe(self, port: int) -> None:
+        """Look every second whether a node is ready, as proxies do by `/readyz`."""
+        while self._listener.fileno() != -1:
+            try:
+                urllib.request.urlopen(f"http://127.0.0.1:{port}/readyz", timeout=2).close()
+                self._ready.add(port)
+            except (OSError, http.client.HTTPException):
+                self._ready.discard(port)
+            time.sleep(_PROBES_EVERY_S)
 
     def _accept(self) -> None:
         while True:
@@ -177,9 +192,10 @@ class Balancer:
                 threading.Thread(target=_pass_on, args=(here, there), daemon=True).start()
 
     def _connect(self) -> socket.socket | None:
-        for _ in self._ports:
-            self._turn += 1
-            port = self._ports[self._turn % len(self._ports)]
+        self._turn += 1
+        turn = self._turn % len(self._ports)
+        in_turn = [*self._ports[turn:], *self._ports[:turn]]
+        for port in sorted(in_turn, key=lambda port: port not in self._ready):
             with contextlib.suppress(OSError):
                 server = socket.create_connection(("127.0.0.1", port), 2)
                 server.settimeout(None)  # the timeout was only for connecting

@@ -26,6 +26,10 @@ from benchmarks.robots_load import Robot
 PATIENCE_S = 120.0
 _NEAR_PX = 20.0
 _PAUSE_S = 0.1
+_ANSWER_WITHIN_S = 10.0
+"""Time after which a client gives a request up and asks another node."""
+_WORKS_FOR_S = 60.0
+"""The same for a photo that is uploaded or localized."""
 _UNSURE = (429, 500, 502, 503, 504)
 """Statuses after which the outcome is unknown: a database can fail while it commits."""
 _AWAY = ("database_unavailable", "storage_unavailable")
@@ -55,9 +59,9 @@ class Streak:
         self._refusals = refusals
         self._first: tuple[float, str] | None = None
 
-    def failed(self, what: str) -> None:
-        """Note a failed request."""
-        self._first = self._first or (time.monotonic(), what)
+    def failed(self, what: str, *, since: float) -> None:
+        """Note a failed request, and when it was sent."""
+        self._first = self._first or (since, what)
 
     def succeeded(self) -> None:
         """End the streak."""
@@ -83,14 +87,15 @@ class PatientClient(Client):
         requests.RequestException
             There was no response, or one that leaves the outcome unknown.
         """
+        sent = time.monotonic()
         try:
-            answer = super().call(method, path, **options)
+            answer = super().call(method, path, **{"timeout": _ANSWER_WITHIN_S, **options})
             if answer.status_code == 500:
                 self._refusals.errors.append(f"{method} {path}: 500 {answer.text[:300]}")
             if answer.status_code in _UNSURE:
                 raise requests.RequestException(f"{answer.status_code} {answer.text[:200]}")
         except requests.RequestException as error:
-            self._streak.failed(f"{method} {path}: {str(error)[:200]}")
+            self._streak.failed(f"{method} {path}: {str(error)[:200]}", since=sent)
             raise
         self._streak.succeeded()
         return answer
@@ -115,9 +120,10 @@ class PatientRobot(Robot):
         self._streak = Streak(refusals)
 
     def _send(self, server: http.client.HTTPConnection, first: int, last: int) -> float:
+        sent = time.monotonic()
         pause_s = super()._send(server, first, last)
         if pause_s:
-            self._streak.failed(f"poses of mission {self.mission}")
+            self._streak.failed(f"poses of mission {self.mission}", since=sent)
         else:
             self._streak.succeeded()
         return pause_s
@@ -198,7 +204,9 @@ class Uploader:
         """Send a photo until database and storage are available; return its result."""
         until = time.monotonic() + PATIENCE_S
         while True:
-            answer = self.client.repeat("POST", f"/maps/{self.slug}/photos", files={"file": (name, data)})
+            files = {"file": (name, data)}
+            path = f"/maps/{self.slug}/photos"
+            answer = self.client.repeat("POST", path, files=files, timeout=_WORKS_FOR_S)
             if answer.status_code != 207:
                 return {"error": answer.text[:300]}
             result: dict[str, Any] = answer.json()[0]
@@ -267,7 +275,8 @@ def localizing_problem(
     client: PatientClient, slug: str, data: bytes, *, place: tuple[float, float]
 ) -> str | None:
     """Localize a photo of a map; describe an answer that is not near its place."""
-    answer = client.repeat("POST", f"/maps/{slug}/localize", files={"file": ("query.jpg", data)})
+    files = {"file": ("query.jpg", data)}
+    answer = client.repeat("POST", f"/maps/{slug}/localize", files=files, timeout=_WORKS_FOR_S)
     found = answer.json().get("hypotheses", []) if answer.ok else []
     if found and np.hypot(found[0]["x_px"] - place[0], found[0]["y_px"] - place[1]) < _NEAR_PX:
         return None

@@ -90,12 +90,12 @@ def test_a_refusal_lasts_from_the_first_failure_to_the_next_success():
     streak = Streak(refusals)
     streak.succeeded()
     assert refusals.times == []
-    streak.failed("first")
-    streak.failed("second")
+    streak.failed("first", since=10.0)
+    streak.failed("second", since=11.0)
     streak.succeeded()
     streak.succeeded()
     ((begin, end, what),) = refusals.times
-    assert (what, end >= begin) == ("first", True)
+    assert (what, begin, end > begin) == ("first", 10.0, True)
 
 
 def test_errors_of_old_programs_count_from_the_migration_on(tmp_path):
