@@ -40,9 +40,7 @@ def settings(server, tmp_path):
     services = tmp_path / "services.json"
     one = {"name": "Local", "url": server.url, "attribution": "© this test", "max_zoom": 19, "max_tiles": 200}
     services.write_text(json.dumps([one]))
-    return Settings(
-        tile_services=services, tiles=TileSettings(requests_per_second=1000.0, timeout_s=5.0)
-    )
+    return Settings(tile_services=services, tiles=TileSettings(requests_per_second=1000.0, timeout_s=5.0))
 
 
 @pytest.fixture
