@@ -57,9 +57,10 @@ class Migration:
 
 @dataclass(frozen=True)
 class Update:
-    """The update of all machines; `seconds` is its whole time."""
+    """The update of all machines; `begin` is by the monotonic clock, `seconds` its whole time."""
 
     migration: Migration
+    begin: float
     seconds: float
 
 
@@ -100,6 +101,10 @@ def main(arguments: argparse.Namespace) -> int:
     if longest["s"] > arguments.longest:
         problems.append(f"a client got no answer for {longest['s']} s: {longest['request']}")
     print(as_tables(figures(load, findings), longest=longest, errors=errors, update=update))
+    for since, until, what in load.refusals.times:
+        print(
+            f"{since - update.begin:5.1f} s: {until - since:.1f} s without an answer: {what}", file=sys.stderr
+        )
     print("\n".join(problems[:50]), file=sys.stderr)
     return 1 if problems else 0
 
@@ -149,7 +154,7 @@ def _update(worker: Program, nodes: Sequence[WebNode], folder: Path) -> Update:
         node.wait()
         done(f"{node.port} answers with the new code")
         time.sleep(_SETTLES_S)
-    return Update(migration, time.monotonic() - begin)
+    return Update(migration, begin, time.monotonic() - begin)
 
 
 def _change_code(program: Program, log: Path) -> None:

@@ -121,7 +121,7 @@ def test_errors_of_old_programs_count_from_the_migration_on(tmp_path):
 
 def test_tables_have_what_is_asked_for():
     counts = {"editors": 2, "edits": {"acknowledged": 9, "lost": 1, "double": 2}, "answers": 4}
-    update = Update(Migration(datetime.now(UTC), "0025 to 0039", 0.5), 61.2)
+    update = Update(Migration(datetime.now(UTC), "0025 to 0039", 0.5), 0.0, 61.2)
     lines = as_tables(counts, longest={"s": 1.9, "refusals": 3}, errors=["one"], update=update).splitlines()
     assert "| edits | 9 | 1 | 2 |" in lines
     assert "| longest time without an answer | 1.9 s |" in lines
