@@ -206,7 +206,7 @@ def as_tables(counts: dict[str, Any], *, longest: dict[str, Any], errors: list[s
     others = {
         "answers to photos": counts["answers"],
         "longest time without an answer": f"{longest['s']} s",
-        "clients that had to repeat a request": longest["refusals"],
+        "times that a client had to repeat a request": longest["refusals"],
         "errors of old programs after the migration": len(errors),
         f"migration from {update.migration.versions}": f"{update.migration.seconds} s",
         "update of all machines": f"{update.seconds:.0f} s",
