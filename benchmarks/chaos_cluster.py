@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import http.client
 import os
 import random
 import signal
@@ -13,52 +14,85 @@ import threading
 import time
 import urllib.request
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
 from benchmarks.killer import descendants
-from benchmarks.s3_server import ObjectServer
-from tests.cluster.dask_cluster import DaskCluster
+from benchmarks.s3_server import BUCKET, ObjectServer
+from tests.cluster.dask_cluster import ROOT, DaskCluster
 from tests.postgresql_server import PostgresqlServer
 
 _STARTS_WITHIN_S = 120.0
+_PROBES_EVERY_S = 1.0
 _DOWN_S = (0.2, 3.0)
 """Range of the random time until a killed part is restarted."""
 
 
-class WebNode:
-    """`expmap serve` with its own worker; can be killed as a whole, or one process of it."""
+@dataclass(frozen=True)
+class Stores:
+    """The database and the storage of a cluster.
 
-    def __init__(self, library: Path, port: int, *, environ: dict[str, str], log: Path) -> None:
-        self.port = port
-        self._library = library
+    Attributes:
+    ----------
+    url : str
+        URL of the database.
+    objects : ObjectServer or None
+        The S3 server, if photos are in S3.
+    """
+
+    database: PostgresqlServer
+    url: str
+    objects: ObjectServer | None
+
+    @property
+    def storage(self) -> str | None:
+        """URL of the storage of photos, unless they are in the library's folder."""
+        return f"s3://{BUCKET}/library" if self.objects else None
+
+    @property
+    def environ(self) -> dict[str, str]:
+        """Environment variables of the program."""
+        return {"EXPMAP_DATABASE": self.url} | ({"EXPMAP_STORAGE": self.storage} if self.storage else {})
+
+
+def start_stores(stack: ExitStack, *, s3: bool) -> Stores:
+    """Start PostgreSQL with an empty database, and S3 if wanted, until the end of the context."""
+    database = PostgresqlServer()
+    stack.callback(database.remove)
+    objects = stack.enter_context(ObjectServer(mb_s=100.0, ms=5.0)) if s3 else None
+    os.environ.update(objects.environ if objects else {})
+    return Stores(database, database.new_database(empty=True), objects)
+
+
+class Program:
+    """A command of the program that runs until it is stopped.
+
+    Attributes:
+    ----------
+    code : Path
+        Checkout that it runs from the next start on.
+    log : Path
+        File that its standard error is added to from the next start on.
+    """
+
+    def __init__(self, words: Sequence[str], *, environ: dict[str, str], log: Path) -> None:
+        self.code = ROOT
+        self.log = log
+        self._words = words
         self._environ = environ
-        self._log = log
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:
-        """Start it, without waiting until it answers."""
-        words = ["serve", "--port", str(self.port), "--library", str(self._library), "--workers", "2"]
-        with self._log.open("ab") as log:
+        """Start it, without waiting until it is ready."""
+        with self.log.open("ab") as log:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "webapp", *words],
-                env={**os.environ, **self._environ}, stdout=log, stderr=log, start_new_session=True,
+                [sys.executable, "-m", "webapp", *self._words], cwd=self.code,
+                env={**os.environ, "PYTHONPATH": str(self.code), **self._environ},
+                stdout=log, stderr=log, start_new_session=True,
             )  # fmt: skip
-
-    def wait(self) -> None:
-        """Wait until it answers."""
-        until = time.monotonic() + _STARTS_WITHIN_S
-        while True:
-            try:
-                urllib.request.urlopen(f"http://127.0.0.1:{self.port}/healthz", timeout=20).close()
-            except OSError as error:
-                if time.monotonic() > until:
-                    raise SystemExit(f"a web node does not start, see {self._log}: {error}") from error
-                time.sleep(0.1)
-            else:
-                return
 
     def kill(self) -> None:
         """Kill all its processes."""
@@ -66,13 +100,6 @@ class WebNode:
         for pid in (process.pid, *descendants(process.pid)):
             _kill(pid)
         process.wait()
-
-    def kill_one(self, rng: random.Random, *, worker: bool) -> None:
-        """Kill its worker, or one of its web processes; it restarts them itself."""
-        below = descendants(self._running().pid)
-        pids = [pid for pid, command in below.items() if (" worker " in command) is worker]
-        if pids:
-            _kill(rng.choice(pids))
 
     def end(self) -> None:
         """Stop it by SIGTERM, as a system shutdown does."""
@@ -89,11 +116,41 @@ class WebNode:
         return self._process
 
 
+class WebNode(Program):
+    """`expmap serve` with its own worker; can be killed as a whole, or one process of it."""
+
+    def __init__(self, library: Path, port: int, *, environ: dict[str, str], log: Path) -> None:
+        words = ["serve", "--port", str(port), "--library", str(library), "--workers", "2", "--log", "json"]
+        super().__init__(words, environ=environ, log=log)
+        self.port = port
+
+    def wait(self) -> None:
+        """Wait until it answers."""
+        until = time.monotonic() + _STARTS_WITHIN_S
+        while True:
+            try:
+                urllib.request.urlopen(f"http://127.0.0.1:{self.port}/healthz", timeout=20).close()
+            except OSError as error:
+                if time.monotonic() > until:
+                    raise SystemExit(f"a web node does not start, see {self.log}: {error}") from error
+                time.sleep(0.1)
+            else:
+                return
+
+    def kill_one(self, rng: random.Random, *, worker: bool) -> None:
+        """Kill its worker, or one of its web processes; it restarts them itself."""
+        below = descendants(self._running().pid)
+        pids = [pid for pid, command in below.items() if (" worker " in command) is worker]
+        if pids:
+            _kill(rng.choice(pids))
+
+
 class Balancer:
-    """Forwards connections to the ports in turn, skipping those that do not accept."""
+    """Forwards connections to the ports in turn, skipping those that do not accept or are not ready."""
 
     def __init__(self, ports: Iterable[int]) -> None:
         self._ports = list(ports)
+        self._ready: set[int] = set()
         self._turn = 0
         self._listener = socket.create_server(("127.0.0.1", 0), backlog=256)
 
@@ -104,10 +161,22 @@ class Balancer:
 
     def __enter__(self) -> Balancer:
         threading.Thread(target=self._accept, daemon=True).start()
+        for port in self._ports:
+            threading.Thread(target=self._probe, args=(port,), daemon=True).start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._listener.close()
+
+    def _probe(self, port: int) -> None:
+        """Look every second whether a node is ready, as proxies do by `/readyz`."""
+        while self._listener.fileno() != -1:
+            try:
+                urllib.request.urlopen(f"http://127.0.0.1:{port}/readyz", timeout=2).close()
+                self._ready.add(port)
+            except (OSError, http.client.HTTPException):
+                self._ready.discard(port)
+            time.sleep(_PROBES_EVERY_S)
 
     def _accept(self) -> None:
         while True:
@@ -123,9 +192,10 @@ class Balancer:
                 threading.Thread(target=_pass_on, args=(here, there), daemon=True).start()
 
     def _connect(self) -> socket.socket | None:
-        for _ in self._ports:
-            self._turn += 1
-            port = self._ports[self._turn % len(self._ports)]
+        self._turn += 1
+        turn = self._turn % len(self._ports)
+        in_turn = [*self._ports[turn:], *self._ports[:turn]]
+        for port in sorted(in_turn, key=lambda port: port not in self._ready):
             with contextlib.suppress(OSError):
                 server = socket.create_connection(("127.0.0.1", port), 2)
                 server.settimeout(None)  # the timeout was only for connecting

@@ -155,7 +155,7 @@ def _area(sample: Path, scratch: Path) -> Figures:
         services = scratch / "services.json"
         one = {"name": "Tiles", "url": tiles.url, "attribution": "-", "max_zoom": 19, "public": True}
         services.write_text(json.dumps([one]), encoding="utf-8")
-        with _serving(scratch / "maps", sample, environ={"EXPMAP_TILES": str(services)}) as client:
+        with _serving(scratch / "maps", sample, environ={"EXPMAP_TILE_SERVICES": str(services)}) as client:
             slug = client.ask("POST", "/maps", json={"name": "Area"})["slug"]
             _until(lambda: _indexing(client, "sample"))
             return _fetch(client, slug, tiles)

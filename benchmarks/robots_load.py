@@ -268,15 +268,21 @@ def _processor_s(pid: int) -> float:
     return ticks / os.sysconf("SC_CLK_TCK")
 
 
+def stored_times(library: Library, robot: Robot) -> list[float]:
+    """List the times of the stored poses of a robot."""
+    with library.database.read() as session:
+        found = [track for track in tracks.list_tracks(session, robot.mission) if track.name == robot.track]
+        return [float(time_s) for track in found for time_s in tracks.read(session, track).times_s]
+
+
 def stored_problems(library: Library, robot: Robot) -> list[str]:
     """Compare the poses that a robot has made with those stored."""
     with library.database.read() as session:
-        found = [track for track in tracks.list_tracks(session, robot.mission) if track.name == robot.track]
-        times = [tracks.read(session, track).times_s for track in found]
-        counted = [track.poses for track in found]
-    stored = np.concatenate([np.empty(0), *times])
+        found = tracks.list_tracks(session, robot.mission)
+        counted = [track.poses for track in found if track.name == robot.track]
+    stored = stored_times(library, robot)
     problems = [f"mission {robot.mission}: {error}" for error in robot.errors]
-    if counted != [len(robot.made)] or not np.array_equal(stored, np.array(robot.made)):
+    if counted != [len(robot.made)] or stored != robot.made:
         problems.append(f"mission {robot.mission}: made {len(robot.made)}, stored {len(stored)}")
     return problems
 

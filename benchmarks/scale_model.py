@@ -41,7 +41,7 @@ the same benchmark), which should fit into the database server's memory."""
 COMPRESSED_UP_TO = 9_600
 """Number of photos up to which a map is searched by compressed descriptors; beyond, by signatures."""
 TIERS = {"compressed": "500", "signatures": "0"}
-"""Values of EXPMAP_MEMORY_MB that select each search method."""
+"""Values of EXPMAP_RETRIEVAL_MEMORY_MB that select each search method."""
 PREVIEWS, ROWS = 40, 5000
 
 
@@ -176,7 +176,7 @@ def _photos(cfg: Path) -> list[Path]:
 
 def _measure_tier(arguments: argparse.Namespace, index: Path, *, memory_mb: str) -> Tier:
     """Build the map and localize photos, by command line."""
-    os.environ["EXPMAP_MEMORY_MB"] = memory_mb
+    os.environ["EXPMAP_RETRIEVAL_MEMORY_MB"] = memory_mb
     with arguments.queries.open(newline="", encoding="utf-8") as file:
         names = [line["path"] for line in csv.DictReader(file, delimiter=";")]
     step = max(1, len(names) // arguments.queries_used)

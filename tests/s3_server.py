@@ -3,13 +3,17 @@
 import socket
 import threading
 import time
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from http.client import HTTPConnection
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from uuid import uuid4
 
 import boto3
 from moto.server import ThreadedMotoServer
+
+from webapp.files import contents
+from webapp.files.object_storage.storage import ObjectStorage
 
 CREDENTIALS = {
     "AWS_ACCESS_KEY_ID": "test",
@@ -20,6 +24,17 @@ CREDENTIALS = {
 
 _PASSED_ON = ("content-type", "content-length", "etag", "last-modified", "content-range", "accept-ranges")
 _BLOCK = 1 << 16
+
+
+@contextmanager
+def using(storage: ObjectStorage | None) -> Iterator[None]:
+    """Use a storage in the block."""
+    before = contents.in_use()
+    contents.use(storage)
+    try:
+        yield
+    finally:
+        contents.use(before)
 
 
 class S3Server:

@@ -4,7 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from webapp.configuration import CONFIG, effective_settings, load_settings, settings_table
+from webapp.configuration import (
+    CONFIG,
+    effective_settings,
+    load_settings,
+    rename_old_variables,
+    settings_table,
+)
 from webapp.errors import UsageError
 from webapp.settings import Settings
 
@@ -60,6 +66,19 @@ def test_a_variable_goes_before_the_file_and_the_longer_name_before_the_short_on
     assert load_settings(env | {"EXPMAP_PROXIES": ""}).web.proxies == 1
 
 
+def test_deprecated_variables_count_as_before_and_are_named_once():
+    env = {"EXPMAP_PROXIES": "2", "EXPMAP_TILES": "mine.json", "EXPMAP_MEMORY_MB": "", "HOME": "/root"}
+    before = load_settings(env)
+    said = rename_old_variables(env)
+    assert env == {"EXPMAP_WEB_PROXIES": "2", "EXPMAP_TILE_SERVICES": "mine.json", "HOME": "/root"}
+    assert [one.split()[0] for one in said] == ["EXPMAP_TILES", "EXPMAP_PROXIES"]
+    assert "set EXPMAP_WEB_PROXIES instead" in said[1]
+    assert load_settings(env) == before
+    assert rename_old_variables(env) == []
+    env |= {"EXPMAP_PROXIES": "3"}
+    assert len(rename_old_variables(env)) == 1 and env["EXPMAP_WEB_PROXIES"] == "2"
+
+
 def test_paths_in_the_file_are_relative_to_its_folder(file, tmp_path):
     assert load_settings(file('library = "all maps"')).library == tmp_path / "all maps"
 
@@ -71,16 +90,16 @@ def test_whole_numbers_are_numbers(file):
 @pytest.mark.parametrize("text", ["yes", "-1", "1.5", "²", "1e400", "nan"])
 def test_a_number_of_proxies_that_is_none(text):
     with pytest.raises(UsageError, match="is not allowed") as rejected:
-        load_settings({"EXPMAP_PROXIES": text})
-    assert rejected.value.where == "EXPMAP_PROXIES"
+        load_settings({"EXPMAP_WEB_PROXIES": text})
+    assert rejected.value.where == "EXPMAP_WEB_PROXIES"
     assert "a whole number of at least 0" in rejected.value.hint
 
 
 @pytest.mark.parametrize("text", ["much", "-1", "inf", "nan", "500 MB", "²"])
 def test_megabytes_that_are_none(text):
     with pytest.raises(UsageError, match="is not allowed") as rejected:
-        load_settings({"EXPMAP_MEMORY_MB": text})
-    assert rejected.value.where == "EXPMAP_MEMORY_MB"
+        load_settings({"EXPMAP_RETRIEVAL_MEMORY_MB": text})
+    assert rejected.value.where == "EXPMAP_RETRIEVAL_MEMORY_MB"
 
 
 @pytest.mark.parametrize(

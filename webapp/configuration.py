@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
@@ -27,12 +27,12 @@ DRAINING_FD = "EXPMAP_DRAINING_FD"
 _INFINITE = 1e15
 """Upper limit of every numeric setting: no larger number makes sense."""
 
-_SHORT_NAMES = {
+_OLD_NAMES = {
     "EXPMAP_TILES": "tile_services",
     "EXPMAP_PROXIES": "web.proxies",
     "EXPMAP_MEMORY_MB": "retrieval.memory_mb",
 }
-"""Second variables of some settings, with the settings' keys."""
+"""Deprecated variables of 0.7.0, with the settings' keys."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +47,8 @@ class Setting:
     @property
     def variables(self) -> tuple[str, ...]:
         """Environment variables that set it; the first has priority."""
-        others = [name for name, key in _SHORT_NAMES.items() if key == self.key]
-        return (f"EXPMAP_{self.key.replace('.', '_').upper()}", *others)
+        others = [name for name, key in _OLD_NAMES.items() if key == self.key]
+        return (_variable(self.key), *others)
 
     @property
     def allowed(self) -> str:
@@ -85,6 +85,10 @@ class Effective:
     setting: Setting
     value: Any
     source: str  # The variable or file that sets it, or "default"
+
+
+def _variable(key: str) -> str:
+    return f"EXPMAP_{key.replace('.', '_').upper()}"
 
 
 def settings_table() -> dict[str, Setting]:
@@ -125,6 +129,18 @@ def load_settings(environ: Mapping[str, str] | None = None) -> Settings:
     defaults = Settings()
     sections = {name: type(getattr(defaults, name))(**own) for name, own in values.items() if name}
     return Settings(**values[""], **sections)
+
+
+def rename_old_variables(environ: MutableMapping[str, str]) -> list[str]:
+    """Give deprecated variables their present names, also for processes started later; say so of each."""
+    messages = []
+    for old, key in _OLD_NAMES.items():
+        text = environ.pop(old, "")
+        if text:
+            new = _variable(key)
+            environ[new] = environ.get(new) or text
+            messages.append(f"{old} is deprecated, and a later version will not read it: set {new} instead")
+    return messages
 
 
 def draining_fd() -> int | None:

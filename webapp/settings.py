@@ -244,9 +244,6 @@ class TileSettings:
     max_tiles: int = 1600
     """Tiles per satellite image; a service can have a lower limit of its own."""
 
-    parallel: int = 4
-    """Concurrent requests."""
-
     requests_per_second: float = 10.0
     """Rate limit per host."""
 
@@ -340,13 +337,7 @@ class MissionSettings:
     """Missions: uploads from robots, event streams, and thinning of old tracks."""
 
     batch_records: int = 5000
-    """Maximum number of records in a batch."""
-
-    batch_mb: float = 2.0
-    """Maximum size of a batch, megabytes (10^6 bytes)."""
-
-    keep_keys_days: float = 30.0
-    """Days for which a batch that is repeated with the same key is recognised."""
+    """Maximum number of records in a batch, which may have 400 bytes each on average."""
 
     stream_s: float = 25.0
     """Seconds after which an event stream is closed; browsers reconnect automatically."""

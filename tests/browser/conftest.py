@@ -80,7 +80,7 @@ def app(
     }
     services.write_text(json.dumps([one]), encoding="utf-8")
     environ = {
-        "EXPMAP_TILES": str(services),
+        "EXPMAP_TILE_SERVICES": str(services),
         "EXPMAP_GEOCODER_ADDRESS": geocoder.address,
         "EXPMAP_STREET_PANORAMAX": street_service.base,
     }

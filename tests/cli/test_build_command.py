@@ -51,17 +51,20 @@ def test_json_is_one_object(expmap, cfg):
 def test_the_memory_that_there_is_decides_how_the_map_is_searched(expmap, cfg, monkeypatch):
     built = []
     for memory_mb in ("500", "0", "500"):
-        monkeypatch.setenv("EXPMAP_MEMORY_MB", memory_mb)
+        monkeypatch.setenv("EXPMAP_RETRIEVAL_MEMORY_MB", memory_mb)
         code, out, _ = expmap("build", cfg, "--json", "--jobs", "1")
         report = json.loads(out)
         assert code == 0
         kinds = {p.suffix for p in Path(report["folder"]).iterdir()} & {".ivf", ".vlad"}
         built.append((report["extracted"], kinds))
     assert built == [(5, {".ivf"}), (0, {".vlad"}), (0, {".ivf"})]
-    monkeypatch.setenv("EXPMAP_MEMORY_MB", "much")
+    monkeypatch.setenv("EXPMAP_RETRIEVAL_MEMORY_MB", "much")
     code, out, err = expmap("build", cfg)
     assert (code, out) == (2, "")
-    assert "EXPMAP_MEMORY_MB: 'much' is not allowed (write a number of at least 0, for example 500)" in err
+    assert (
+        "EXPMAP_RETRIEVAL_MEMORY_MB: 'much' is not allowed (write a number of at least 0, for example 500)"
+        in err
+    )
 
 
 def test_photos_that_cannot_be_used_are_reported_and_end_with_1(expmap, cfg):

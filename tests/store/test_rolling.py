@@ -1,15 +1,19 @@
 """Rolling updates: programs of two versions on one database."""
 
 import ast
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from alembic import command
+from alembic.config import Config
 from alembic.script import ScriptDirectory
 from sqlalchemy import text
 
 from webapp.errors import StorageError
 from webapp.store import library as store_library
-from webapp.store.library import EXPANDED_SINCE, newest_schema, open_library, schema_version
+from webapp.store.library import EXPANDED_SINCE, migrate, newest_schema, open_library, schema_version
 
 _EXPANDING = {"create_table", "create_index", "drop_index", "add_column", "batch_alter_table", "get_bind"}
 
@@ -54,6 +58,51 @@ def test_an_older_program_is_refused_where_something_was_taken_away(library, dat
 def test_what_works_beside_the_tables_is_kept_with_them(library):
     with library.database.engine.connect() as connection:
         assert library.database.backend.expanded_since(connection) == EXPANDED_SINCE
+
+
+@pytest.fixture
+def older(library):
+    """The tables as the version before had made them: without the newest one's columns and tables."""
+    config = Config()
+    config.set_main_option("script_location", str(Path(store_library.__file__).parent / "migrations"))
+    with library.database.engine.begin() as connection:
+        connection.execute(text("DROP SCHEMA public CASCADE"))
+        connection.execute(text("CREATE SCHEMA public"))
+        config.attributes["connection"] = connection
+        command.upgrade(config, "0030")
+    return library.database
+
+
+@pytest.mark.usefixtures("postgresql_only")
+def test_a_migration_gives_way_to_those_who_use_a_table_for_long(older, monkeypatch):
+    monkeypatch.setattr(store_library, "_PAUSE_S", (0.1, 0.2))
+    with older.engine.connect() as backup, ThreadPoolExecutor(1) as pool:
+        backup.execute(text("SELECT name FROM map"))
+        migrating = pool.submit(migrate, older)
+        waited = []
+        for _ in range(10):
+            begin = time.monotonic()
+            with older.engine.connect() as other:
+                other.execute(text("SELECT name FROM map"))
+            waited.append(time.monotonic() - begin)
+            time.sleep(0.2)
+        assert max(waited) < 1.8 and not migrating.done()
+        backup.rollback()
+        migrating.result(timeout=20)
+    assert schema_version(older) == newest_schema()
+    with older.engine.connect() as connection:
+        assert connection.execute(text("SHOW lock_timeout")).scalar_one() == "30s"
+
+
+@pytest.mark.usefixtures("postgresql_only")
+def test_a_migration_that_never_gets_the_tables_changes_nothing_and_says_so(older, monkeypatch):
+    monkeypatch.setattr(store_library, "_GIVES_WAY_S", 0)
+    with older.engine.connect() as backup:
+        backup.execute(text("SELECT name FROM map"))
+        with pytest.raises(StorageError, match="others have been using them") as refused:
+            migrate(older)
+        assert "backups" in refused.value.hint
+    assert schema_version(older) == "0030"
 
 
 def test_migrations_that_count_as_expanding_only_expand():

@@ -14,7 +14,7 @@ import click
 from webapp import __version__
 from webapp.cli.composition import Composition
 from webapp.cli.exitcodes import INTERRUPTED, exit_code
-from webapp.configuration import use_config
+from webapp.configuration import rename_old_variables, use_config
 from webapp.errors import ExpMapError
 from webapp.importing import import_name
 from webapp.settings import restrain_threads
@@ -349,6 +349,8 @@ root = LazyGroup(
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command and exit with its code; an error is one line on standard error."""
     restrain_threads()
+    for message in rename_old_variables(os.environ):
+        click.echo(f"expmap: {message}", err=True)
     try:
         code = root.main(args=arguments, prog_name="expmap", standalone_mode=False, obj=COMPOSITION)
     except click.exceptions.NoArgsIsHelpError as error:

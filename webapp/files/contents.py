@@ -104,16 +104,6 @@ def settings_at(path: Path, settings: Settings) -> Settings:
     return settings
 
 
-@contextmanager
-def using(storage: ObjectStorage | None) -> Iterator[None]:
-    before = in_use()
-    use(storage)
-    try:
-        yield
-    finally:
-        use(before)
-
-
 def local(path: Path) -> Path:
     """Return a local path of a file's content, fetching it if it is an object; else the same path.
 

@@ -31,6 +31,7 @@ from webapp.threads import ContextThreads
 
 _USER_AGENT = f"experience-map/{__version__} (map tiles for one satellite image)"
 _MAX_BYTES = 4_000_000
+_PARALLEL = 4
 _TRIES = 4
 _LONGEST_PAUSE_S = 60
 """Longest pause before a retry, even if the server asks for a longer one."""
@@ -67,7 +68,7 @@ class TileFetcher:
             raise_on_status=False,
             retry_after_max=_LONGEST_PAUSE_S,
         )
-        adapter = BoundedAdapter(pool_maxsize=settings.parallel, max_retries=retry)
+        adapter = BoundedAdapter(pool_maxsize=_PARALLEL, max_retries=retry)
         self._session = bounded_session(_USER_AGENT, adapter)
 
     def fetch(
@@ -85,11 +86,11 @@ class TileFetcher:
             StorageError: The cache cannot be written.
         """
         todo = iter(tiles)
-        pool = ContextThreads(self._settings.parallel)
+        pool = ContextThreads(_PARALLEL)
         running: dict[Future[bytes | None], Tile] = {}
         try:
             while True:
-                while len(running) < 2 * self._settings.parallel and (tile := next(todo, None)):
+                while len(running) < 2 * _PARALLEL and (tile := next(todo, None)):
                     running[pool.submit(self._tile, zoom, tile)] = tile
                 if not running:
                     return

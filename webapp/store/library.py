@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import logging
+import random
 import secrets
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -10,11 +13,14 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 from sqlalchemy import Connection, inspect
+from sqlalchemy.exc import DBAPIError
 
 from webapp.errors import DatabaseUnavailable, StorageError
 from webapp.store.database import THREADS, Database
 from webapp.store.maps.changing import MapChange, change_map
 from webapp.store.moving import marks
+
+_log = logging.getLogger(__name__)
 
 _BEFORE_0_7 = ("0001", "0002", "0003", "0004", "0005", "0006")
 """Schema versions before 0.7.0; only that version can convert them."""
@@ -43,6 +49,9 @@ set this to its own version, and all machines must be stopped. `tests/store/test
 """
 
 _WAIT_S = 120
+_GIVES_WAY_S = 90
+"""Less than others wait for the migration."""
+_PAUSE_S = (0.5, 1.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -326,7 +335,36 @@ def _known() -> set[str]:
 
 
 def _upgrade(database: Database, connection: Connection) -> None:
-    """Run the missing migrations; errors as for `migrate`."""
+    """Run the missing migrations; errors as for `migrate`.
+
+    Where other programs use a table for long, the migration gives way and tries again: what it waits for is
+    what all others would have to wait for, too.
+    """
+    before, begin = _version(connection), time.monotonic()
+    connection.rollback()
+    while True:
+        try:
+            _run_migrations(connection)
+            database.backend.note_expanded(connection, EXPANDED_SINCE)
+            connection.commit()
+            break
+        except DBAPIError as error:
+            if not database.backend.gave_way(error):
+                raise
+            connection.rollback()
+            if time.monotonic() > begin + _GIVES_WAY_S:
+                raise StorageError(
+                    f"the tables cannot be migrated: others have been using them for {_GIVES_WAY_S} s",
+                    where=database.name,
+                    hint="wait until backups and other long work have ended, and start the program again",
+                ) from error
+            time.sleep(random.uniform(*_PAUSE_S))
+    if before is not None:
+        seconds = time.monotonic() - begin
+        _log.info("the tables were migrated from %s to %s in %.2f s", before, newest_schema(), seconds)
+
+
+def _run_migrations(connection: Connection) -> None:
     from alembic import command  # imported only when needed, as it takes long
     from alembic.config import Config
     from alembic.util.exc import CommandError
@@ -336,8 +374,6 @@ def _upgrade(database: Database, connection: Connection) -> None:
     config.attributes["connection"] = connection
     try:
         command.upgrade(config, "head")
-        database.backend.note_expanded(connection, EXPANDED_SINCE)
-        connection.commit()
     except CommandError as error:
         raise StorageError(
             "a newer version of the program has made this library", hint="update the program"

@@ -78,7 +78,7 @@ function tellImported(results) {
  * Title and text of the question before the correction.
  * @param {Array<{source: string, timed: boolean, poses: number}>} tracks of the mission
  */
-export function fuseQuestion(tracks) {
+function fuseQuestion(tracks) {
   const known = new Set(tracks.filter(({ timed, poses, source }) => timed && poses && source !== "fused").map(({ source }) => source));
   const sources = new Intl.ListFormat(locale).format(["odometry", "gps", "visual", "manual"].filter((source) => known.has(source)).map(sourceName));
   const does = known.has("odometry") || known.size !== 1

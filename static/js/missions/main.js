@@ -3,7 +3,7 @@
 import { byId } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
 import { connectTabs } from "../shared/tabs.js";
-import { sentence, toastError } from "../shared/toast.js";
+import { toastError } from "../shared/toast.js";
 import { connectActions } from "./actions.js";
 import { chooseGround } from "./background-choice.js";
 import { connectDrawings } from "./drawings/connect.js";
@@ -20,6 +20,7 @@ import { otherMissions } from "./other-missions.js";
 import { showPhotos } from "./photos.js";
 import { Player } from "./player.js";
 import { Profile } from "./profile.js";
+import { awaitPositions, beginWhenLoaded, connectZoom, fail, fitting } from "./page-parts.js";
 import { connectReportLinks } from "./report-links.js";
 import { showRobots } from "./robots.js";
 import { Scene } from "./scene.js";
@@ -33,28 +34,7 @@ const store = new MissionStore(page.id, page.symbols);
 const server = store.server(page.id);
 
 connectReportLinks();
-load();
-
-/** Load the mission; an error is shown in place of the map. */
-async function load() {
-  byId("loading").hidden = false;
-  byId("failed").hidden = true;
-  try {
-    store.setMission(await server.state());
-    begin();
-  } catch (error) {
-    if (!error.status && error.code !== "offline") throw error;
-    fail([error.message, error.hint].filter(Boolean).map(sentence).join(". "));
-    byId("try-again").addEventListener("click", load, { once: true });
-  } finally {
-    byId("loading").hidden = true;
-  }
-}
-
-function fail(text) {
-  byId("failed").hidden = false;
-  byId("failed-text").textContent = text;
-}
+beginWhenLoaded(async () => store.setMission(await server.state()), begin);
 
 function begin() {
   const view = new MissionView(byId("map-canvas"));
@@ -62,12 +42,7 @@ function begin() {
   const scene = new Scene(store, lines, view);
   connectDrawings(store, view, scene);
   const player = new Player(store);
-  const fit = (track = null) => {
-    const boxes = (track ? [track] : store.shown.map((one) => one.track)).map(({ bounds }) => bounds).filter(Boolean);
-    if (!view.ground) return;
-    if (boxes.length) view.show(around(boxes));
-    else if (view.ground.bounds) view.map.fitBounds(view.ground.bounds, { animate: false });
-  };
+  const fit = fitting(view, store);
   connectGestures({ view, scene, store, player, fit: () => fit() });
   showLegend(store, lines); // first, as it takes width from the map that is fitted below
   chooseGround(store, view, { services: page.services, maps: page.maps, fit });
@@ -83,42 +58,23 @@ function begin() {
   new TaskList(store, look);
   showFixes(store);
   showPhotos(store, look);
-  zoomButtons(view, fit);
+  connectZoom(view, fit);
   const live = new Live(store, page.id);
   connectActions(store, lines, live, page.fusion);
   state(live);
   live.start();
-  firstPositions(view, fit);
+  awaitPositions(store, fit);
+  follow(view);
 }
 
-function around(boxes) {
-  const all = (axis) => boxes.map((box) => box[axis]);
-  return { south: Math.min(...all(0)), west: Math.min(...all(1)), north: Math.max(...all(2)), east: Math.max(...all(3)) };
-}
-
-function zoomButtons(view, fit) {
-  byId("zoom-in").addEventListener("click", () => view.map?.zoomIn());
-  byId("zoom-out").addEventListener("click", () => view.map?.zoomOut());
-  byId("zoom-fit").addEventListener("click", () => fit());
-}
-
-/** Show instructions while there are no positions, zoom to the first ones, and follow new ones if chosen. */
-function firstPositions(view, fit) {
-  const follow = byId("follow", HTMLInputElement);
-  let empty = false;
-  const render = () => {
-    const none = !store.tracks.some(({ track }) => track.poses) && !store.mission.objects;
-    byId("empty").hidden = !none;
-    if (empty && !none) fit();
-    empty = none;
-  };
-  store.on("missions grown", render);
+/** Follow new positions if chosen. */
+function follow(view) {
+  const chosen = byId("follow", HTMLInputElement);
   store.on("poses", ({ detail: { points } }) => {
     const [, , lat, lon] = points.at(-1);
     const flat = view.ground?.flat(lat, lon);
-    if (flat && follow.checked && store.moment === null) view.reveal(flat, { margin: 90 });
+    if (flat && chosen.checked && store.moment === null) view.reveal(flat, { margin: 90 });
   });
-  render();
 }
 
 /** Show whether the mission is live and the page connected. */

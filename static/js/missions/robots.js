@@ -91,7 +91,7 @@ function statusParts({ battery_percent: battery, link_percent: link, mode, text 
 }
 
 /** @param {number} seconds */
-export function agoText(seconds) {
+function agoText(seconds) {
   if (seconds < 60) return ago.format(-Math.round(seconds), "second");
   if (seconds < 3600) return ago.format(-Math.floor(seconds / 60), "minute");
   if (seconds < 86400) return ago.format(-Math.floor(seconds / 3600), "hour");

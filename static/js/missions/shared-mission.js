@@ -3,7 +3,7 @@
 import { byId } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
 import { connectTabs } from "../shared/tabs.js";
-import { sentence, toastError } from "../shared/toast.js";
+import { toastError } from "../shared/toast.js";
 import { chooseGround } from "./background-choice.js";
 import { connectDrawings } from "./drawings/connect.js";
 import { connectGestures } from "./gestures.js";
@@ -15,6 +15,7 @@ import { ObjectTable } from "./object-table.js";
 import { showPhotos } from "./photos.js";
 import { Player } from "./player.js";
 import { Profile } from "./profile.js";
+import { awaitPositions, beginWhenLoaded, connectZoom, fail, fitting } from "./page-parts.js";
 import { connectReportLinks } from "./report-links.js";
 import { Scene } from "./scene.js";
 import { Following, SharedStore } from "./shared-store.js";
@@ -25,27 +26,7 @@ const page = JSON.parse(byId("page").textContent);
 const store = new SharedStore(page);
 
 connectReportLinks();
-load();
-
-async function load() {
-  byId("loading").hidden = false;
-  byId("failed").hidden = true;
-  try {
-    store.setMission(await store.server().state());
-    begin();
-  } catch (error) {
-    if (error.status === undefined) throw error;
-    fail([error.message, error.hint].filter(Boolean).map(sentence).join(". "));
-    byId("try-again").addEventListener("click", load, { once: true });
-  } finally {
-    byId("loading").hidden = true;
-  }
-}
-
-function fail(text) {
-  byId("failed").hidden = false;
-  byId("failed-text").textContent = text;
-}
+beginWhenLoaded(async () => store.setMission(await store.server().state()), begin);
 
 function begin() {
   const view = new MissionView(byId("map-canvas"));
@@ -53,7 +34,7 @@ function begin() {
   const scene = new Scene(store, lines, view);
   connectDrawings(store, view, scene);
   const player = new Player(store);
-  const fit = (track = null) => fitTo(view, track ? [track] : store.shown.map((one) => one.track));
+  const fit = fitting(view, store);
   const look = ({ lat, lon }) => view.ground && view.reveal(view.ground.flat(lat, lon));
   connectGestures({ view, scene, store, player, fit: () => fit() });
   showLegend(store, lines); // first, as it takes width from the map that is fitted below
@@ -66,32 +47,14 @@ function begin() {
   showObject(store);
   new ObjectTable(store, look);
   showPhotos(store, look);
-  byId("zoom-in").addEventListener("click", () => view.map?.zoomIn());
-  byId("zoom-out").addEventListener("click", () => view.map?.zoomOut());
-  byId("zoom-fit").addEventListener("click", () => fit());
-  follow(view, fit);
-}
-
-function fitTo(view, tracks) {
-  const boxes = tracks.map(({ bounds }) => bounds).filter(Boolean);
-  if (!view.ground) return;
-  const all = (axis) => boxes.map((box) => box[axis]);
-  if (boxes.length) {
-    view.show({ south: Math.min(...all(0)), west: Math.min(...all(1)), north: Math.max(...all(2)), east: Math.max(...all(3)) });
-  } else if (view.ground.bounds) view.map.fitBounds(view.ground.bounds, { animate: false });
+  connectZoom(view, fit);
+  awaitPositions(store, fit);
+  follow(view);
 }
 
 /** Show whether the mission is live, and follow new data. */
-function follow(view, fit) {
+function follow(view) {
   const following = new Following(store);
-  let empty = false;
-  const render = () => {
-    const none = !store.tracks.some(({ track }) => track.poses) && !store.mission.objects;
-    byId("empty").hidden = !none;
-    if (empty && !none) fit();
-    empty = none;
-  };
-  store.on("missions grown", render);
   store.on("missed", () => {
     const newest = store.shown.map(({ track }) => track.last).filter(Boolean).sort((a, b) => b.time_s - a.time_s)[0];
     const flat = newest && view.ground?.flat(newest.lat, newest.lon);
@@ -99,6 +62,5 @@ function follow(view, fit) {
   });
   following.addEventListener("state", liveBadge(store, () => following.connected));
   following.addEventListener("gone", () => fail(t("This link is no longer valid.")));
-  render();
   following.start();
 }

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.estimate import NoPose
 from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
+from webapp.core.hypotheses.priors import fit_path_prior
 from webapp.core.hypotheses.sequence import (
     Belief,
     belief_from_json,
@@ -23,7 +24,7 @@ from webapp.core.hypotheses.sequence import (
 COUNTS = MatchStatistics(10, 5, 4, 1.0, 9.0, 4.0, 20.0)
 RADIUS = 20.0
 ROW = np.column_stack([np.arange(0.0, 2000.0, 10.0), np.full(200, 100.0)])
-MOTION = motion_model(ROW, place_radius_px=RADIUS)
+MOTION = motion_model(fit_path_prior(ROW, place_radius_px=RADIUS))
 
 
 def place(x, y=100.0, *, p=0.9, radius=8.0, photos=(1,)):
@@ -129,7 +130,7 @@ def test_corners_are_taken():
     truth = along + [along[-1] + (0.0, 20.0 * i) for i in range(1, 11)]
     rng = np.random.default_rng(3)
     frames = [answer(place(*(at + rng.normal(0, 6, 2)))) for at in truth]
-    _, answers = walk(frames, motion_model(grid, place_radius_px=40.0))
+    _, answers = walk(frames, motion_model(fit_path_prior(grid, place_radius_px=40.0)))
     assert errors(answers, truth).max() <= 40.0
 
 

@@ -73,7 +73,7 @@ def test_photos_of_another_floor_draw_no_position_to_their_path():
 
 def test_a_sequence_that_takes_the_stairs_forgets_the_floor_below():
     row = np.column_stack([np.arange(0.0, 400.0, 10.0), np.zeros(40)])
-    motion = motion_model(row, place_radius_px=20.0)
+    motion = motion_model(fit_path_prior(row, place_radius_px=20.0))
 
     def frame(floor):
         return Answer((place(100, floor=floor, p=0.9),), 0.1, 0.0, None, COUNTS)

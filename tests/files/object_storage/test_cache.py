@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 
+from tests.s3_server import using
 from webapp.files import contents
 from webapp.files.object_storage import cache
 
@@ -16,10 +17,10 @@ def test_a_file_that_stays_mapped_is_not_evicted(node, tmp_path):
     paths = [tmp_path / f"{name}.jpg" for name in ("the index", "old", "new")]
     for path in paths:
         path.write_bytes(os.urandom(1000))
-    with contents.using(node()):
+    with using(node()):
         for path in paths:
             contents.publish(path)
-    with contents.using(node("small", limit=2500, stays_s=0.0)):
+    with using(node("small", limit=2500, stays_s=0.0)):
         places, open_map = [], None
         for path in paths:
             places.append(contents.local(path))

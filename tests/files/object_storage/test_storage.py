@@ -8,6 +8,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
+from tests.s3_server import using
 from webapp.errors import DiskFull, ObjectLost, StorageError, StorageUnavailable, UsageError
 from webapp.files import contents
 from webapp.files.contents import connect
@@ -29,12 +30,12 @@ def test_a_published_file_is_an_object_that_another_machine_reads(node, s3, buck
     content = os.urandom(20_000_000)  # in several pieces
     path = file_of(tmp_path, content)
     os.utime(path, ns=(1, 123_456_789))
-    with contents.using(node()):
+    with using(node()):
         contents.publish(path)
     assert not path.exists()
     (key,) = s3.keys(bucket_name)
     assert key.startswith("some/prefix/")
-    with contents.using(node("two")):
+    with using(node("two")):
         there = contents.local(path)
         assert there.read_bytes() == content
         assert there.stat().st_mtime_ns == 123_456_789
@@ -56,7 +57,7 @@ def test_without_a_storage_a_path_is_a_path(tmp_path):
 
 def test_a_listed_folder_shows_objects_by_the_names_of_their_files(node, tmp_path):
     path = file_of(tmp_path, b"photo", "a/photo.jpg")
-    with contents.using(node()):
+    with using(node()):
         contents.publish(path)
     assert pointed_path(pointer_path(path)) == path
     assert list_photos(tmp_path / "a") == ["photo.jpg"]
@@ -69,11 +70,11 @@ def test_every_upload_has_a_key_of_its_own(node, tmp_path):
 
 def test_the_cache_stays_within_its_size_and_keeps_what_was_asked_for_lately(node, tmp_path):
     paths = [file_of(tmp_path, os.urandom(1000), f"{i}.jpg") for i in range(6)]
-    with contents.using(node()):
+    with using(node()):
         for path in paths:
             contents.publish(path)
     small = node("small", limit=3500, stays_s=0.0)
-    with contents.using(small):
+    with using(small):
         for path in paths[:3]:
             contents.local(path)
             time.sleep(0.01)
@@ -87,10 +88,10 @@ def test_the_cache_stays_within_its_size_and_keeps_what_was_asked_for_lately(nod
 
 def test_a_file_that_was_asked_for_is_not_evicted_before_it_can_be_opened(node, tmp_path):
     paths = [file_of(tmp_path, os.urandom(1000), f"{i}.jpg") for i in range(5)]
-    with contents.using(node()):
+    with using(node()):
         for path in paths:
             contents.publish(path)
-    with contents.using(node("small", limit=1500)):
+    with using(node("small", limit=1500)):
         found = [contents.local(path) for path in paths]
         assert all(place.stat().st_size == 1000 for place in found)
 
@@ -98,7 +99,7 @@ def test_a_file_that_was_asked_for_is_not_evicted_before_it_can_be_opened(node, 
 def test_many_readers_and_a_cache_that_is_too_small(node, tmp_path):
     written = {i: os.urandom(2000) for i in range(20)}
     paths = {i: file_of(tmp_path, content, f"{i}.jpg") for i, content in written.items()}
-    with contents.using(node()):
+    with using(node()):
         for path in paths.values():
             contents.publish(path)
     wrong = []
@@ -109,7 +110,7 @@ def test_many_readers_and_a_cache_that_is_too_small(node, tmp_path):
             if contents.local(paths[which]).read_bytes() != written[which]:
                 wrong.append(which)
 
-    with contents.using(node("small", limit=8000, stays_s=5.0)):
+    with using(node("small", limit=8000, stays_s=5.0)):
         threads = [threading.Thread(target=read, args=(n,)) for n in range(4)]
         for thread in threads:
             thread.start()
@@ -120,10 +121,10 @@ def test_many_readers_and_a_cache_that_is_too_small(node, tmp_path):
 
 def test_an_open_file_is_read_to_its_end_after_it_was_evicted(node, tmp_path):
     first, second = file_of(tmp_path, b"1" * 1000, "1.jpg"), file_of(tmp_path, b"2" * 1000, "2.jpg")
-    with contents.using(node()):
+    with using(node()):
         contents.publish(first)
         contents.publish(second)
-    with contents.using(node("small", limit=1500, stays_s=0.0)), contents.local(first).open("rb") as opened:
+    with using(node("small", limit=1500, stays_s=0.0)), contents.local(first).open("rb") as opened:
         time.sleep(0.01)
         place = contents.local(first)
         time.sleep(0.01)
@@ -134,22 +135,22 @@ def test_an_open_file_is_read_to_its_end_after_it_was_evicted(node, tmp_path):
 
 def test_a_damaged_copy_is_fetched_again_and_a_wrong_object_is_refused(node, s3, bucket_name, tmp_path):
     path, one = file_of(tmp_path, b"photo"), node()
-    with contents.using(one):
+    with using(one):
         contents.publish(path)
         contents.local(path).write_bytes(b"cut")
         assert contents.local(path).read_bytes() == b"photo"
     s3.client.put_object(Bucket=bucket_name, Key=s3.keys(bucket_name)[0], Body=b"other")
-    with contents.using(node("two")), pytest.raises(StorageError, match="content other than"):
+    with using(node("two")), pytest.raises(StorageError, match="content other than"):
         contents.local(path)
     assert [p for p in (tmp_path / "cache-two").glob("*/*") if p.is_file()] == []
 
 
 def test_an_object_that_is_lost_is_named(node, s3, bucket_name, tmp_path):
     path = file_of(tmp_path, b"photo")
-    with contents.using(node()):
+    with using(node()):
         contents.publish(path)
     s3.client.delete_object(Bucket=bucket_name, Key=s3.keys(bucket_name)[0])
-    with contents.using(node("two")), pytest.raises(ObjectLost, match="missing from the object storage"):
+    with using(node("two")), pytest.raises(ObjectLost, match="missing from the object storage"):
         contents.local(path)
 
 
@@ -169,7 +170,7 @@ def test_an_object_that_is_lost_is_named(node, s3, bucket_name, tmp_path):
 def test_a_refusal_is_one_sentence_and_the_file_stays(node, s3, tmp_path, refusal, kind, sentence):
     path, one = file_of(tmp_path, b"photo"), node()
     s3.refuse = refusal
-    with contents.using(one), pytest.raises(kind, match=sentence) as refused:
+    with using(one), pytest.raises(kind, match=sentence) as refused:
         contents.publish(path)
     assert path.read_bytes() == b"photo"
     assert not pointer_path(path).exists()
@@ -180,19 +181,19 @@ def test_a_server_that_is_silent_or_gone_is_named(node, s3, tmp_path, monkeypatc
     path, one = file_of(tmp_path, b"photo"), node(timeout_s=0.4)
     s3.silent.set()
     begun = time.monotonic()
-    with contents.using(one), pytest.raises(StorageUnavailable, match="did not answer in time"):
+    with using(one), pytest.raises(StorageUnavailable, match="did not answer in time"):
         contents.publish(path)
     assert time.monotonic() - begun < 8
     s3.silent.clear()
     monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")
-    with contents.using(node()), pytest.raises(StorageUnavailable, match="cannot be reached"):
+    with using(node()), pytest.raises(StorageUnavailable, match="cannot be reached"):
         contents.publish(path)
     assert path.exists()
 
 
 def test_files_are_fetched_together(node, s3, tmp_path):
     paths = [file_of(tmp_path, os.urandom(1000), f"{i}.jpg") for i in range(5)]
-    with contents.using(node()):
+    with using(node()):
         for path in paths[:4]:
             contents.publish(path)
     lost = read_pointer(paths[3])
@@ -208,7 +209,7 @@ def test_files_are_fetched_together(node, s3, tmp_path):
         at_once.remove(key)
 
     one.bucket.get = get
-    with contents.using(one):
+    with using(one):
         contents.fetch_together(paths)
         s3.requests.clear()
         assert all(contents.local(path).stat().st_size == 1000 for path in [*paths[:3], paths[4]])
@@ -222,9 +223,9 @@ def test_files_are_fetched_together(node, s3, tmp_path):
 
 def test_what_is_read_once_is_not_kept_and_uses_what_is_here(node, s3, tmp_path):
     path, one, two = file_of(tmp_path, b"photo"), node(), node("two")
-    with contents.using(one):
+    with using(one):
         contents.publish(path)
-    with contents.using(two):
+    with using(two):
         with contents.read_once(path) as copy:
             assert copy.read_bytes() == b"photo"
         assert not copy.exists() and two.cache.size() == 0
@@ -245,7 +246,7 @@ def test_what_is_read_once_is_not_kept_and_uses_what_is_here(node, s3, tmp_path)
 def test_a_file_comes_back_as_it_was_unless_somebody_has_replaced_it(node, s3, tmp_path):
     path, replaced, one = file_of(tmp_path, b"photo"), file_of(tmp_path, b"before", "b.jpg"), node()
     os.utime(path, ns=(1, 123_456_789))
-    with contents.using(one):
+    with using(one):
         contents.publish(path)
         contents.publish(replaced)
         replaced.write_bytes(b"after")
@@ -265,7 +266,7 @@ def test_a_file_comes_back_as_it_was_unless_somebody_has_replaced_it(node, s3, t
 def test_whether_the_server_answers_is_asked_seldom(node, s3, monkeypatch, caplog):
     assert contents.reachable(), "where there is no storage, none is missing"
     monkeypatch.setattr(storage, "_PROBE_S", 0.0)
-    with contents.using(node(timeout_s=0.4)):
+    with using(node(timeout_s=0.4)):
         assert contents.reachable()
         s3.refuse = (403, "AccessDenied")
         assert not contents.reachable() and not contents.reachable()
@@ -285,7 +286,7 @@ def test_a_connection_that_breaks_off_leaves_nothing(node, s3, bucket_name, tmp_
     content = os.urandom(9_000_000)  # two pieces
     path, one = file_of(tmp_path, content), node()
     s3.cut = {"PUT": 2_000_000}  # the first of them
-    with contents.using(one), pytest.raises(StorageUnavailable, match="to the object storage was lost"):
+    with using(one), pytest.raises(StorageUnavailable, match="to the object storage was lost"):
         contents.publish(path)
     assert path.read_bytes() == content and not pointer_path(path).exists()
     assert s3.keys(bucket_name) == [] and "Uploads" not in s3.client.list_multipart_uploads(
@@ -293,27 +294,27 @@ def test_a_connection_that_breaks_off_leaves_nothing(node, s3, bucket_name, tmp_
     )
     s3.cut = {"GET": 200_000}
     two = node("two")
-    with contents.using(one):
+    with using(one):
         contents.publish(path)
-    with contents.using(two), pytest.raises(StorageUnavailable, match="to the object storage was lost"):
+    with using(two), pytest.raises(StorageUnavailable, match="to the object storage was lost"):
         contents.local(path)
     assert two.cache.size() == 0
     s3.reset()
-    with contents.using(two):
+    with using(two):
         assert contents.local(path).read_bytes() == content
 
 
 def test_an_answer_that_comes_to_a_halt_leaves_nothing(node, s3, tmp_path):
     path = file_of(tmp_path, os.urandom(300_000))
-    with contents.using(node()):
+    with using(node()):
         contents.publish(path)
     s3.bytes_per_s = 50_000  # a block takes longer than the read timeout
     two = node("two", timeout_s=0.4)
-    with contents.using(two), pytest.raises(StorageUnavailable, match="did not answer in time"):
+    with using(two), pytest.raises(StorageUnavailable, match="did not answer in time"):
         contents.local(path)
     assert two.cache.size() == 0
     s3.bytes_per_s = 500_000  # slow, but without pauses
-    with contents.using(two):
+    with using(two):
         assert contents.local(path).stat().st_size == 300_000
 
 
@@ -321,7 +322,7 @@ def test_the_cache_is_as_large_as_the_settings_say(s3, tmp_path):
     settings = Settings(
         database="postgresql://nobody", storage="s3://bucket", cache_folder=tmp_path / "cache", cache_gb=0.25
     )
-    with contents.using(None):
+    with using(None):
         cache = connect(settings).cache
     assert (cache.limit, cache.folder) == (250_000_000, tmp_path / "cache")
 
@@ -350,7 +351,7 @@ def test_interrupted_uploads_are_dropped(node, s3, bucket_name):
 
 def test_a_pointer_says_what_the_file_was(node, tmp_path):
     path = file_of(tmp_path, b"photo")
-    with contents.using(node()):
+    with using(node()):
         facts = path.stat()
         contents.publish(path)
         pointer = contents.pointer_of(path)
@@ -360,7 +361,7 @@ def test_a_pointer_says_what_the_file_was(node, tmp_path):
 
 def test_a_name_too_long_for_a_pointer_has_none(node, tmp_path):
     path = file_of(tmp_path, b"x", name="a" * 250 + ".jpg")
-    with contents.using(node()):
+    with using(node()):
         assert contents.local(path) == path
 
 
@@ -373,7 +374,7 @@ def test_a_file_that_changes_while_it_is_stored_is_refused(node, tmp_path, monke
         path.write_bytes(b"after it")
 
     monkeypatch.setattr(there.bucket, "put", slowly)
-    with contents.using(there), pytest.raises(StorageError, match="was changed while it was being stored"):
+    with using(there), pytest.raises(StorageError, match="was changed while it was being stored"):
         contents.publish(path)
     assert path.read_bytes() == b"after it"
     assert not pointer_path(path).exists()

@@ -7,6 +7,7 @@ from datetime import timedelta
 import pytest
 
 from tests.killing import Step, run_until
+from tests.s3_server import using
 from webapp.cli.library import existing_library
 from webapp.errors import UsageError
 from webapp.files import contents
@@ -99,7 +100,7 @@ def files(settings):
 
 def readable(settings, cache):
     """Return the content of each file as a machine with an empty cache reads it."""
-    with contents.using(connect(replace(settings, cache_folder=cache))):
+    with using(connect(replace(settings, cache_folder=cache))):
         return {path.name: contents.local(path).read_bytes() for path in paths(settings)}
 
 

@@ -19,6 +19,7 @@ from filelock import FileLock
 from PIL import Image
 from sqlalchemy import select
 
+from tests.s3_server import using
 from tests.web.conftest import Browser
 from webapp.api import open_map
 from webapp.app import main as program
@@ -956,7 +957,7 @@ def test_what_does_not_fit_together_is_refused(machine, library, settings, tmp_p
     assert settings.storage in unset.value.hint
     with pytest.raises(StorageError, match="are in an object storage"):
         open_storage.open_storage(library, replace(settings, storage="s3://another"))
-    with contents.using(None), pytest.raises(UsageError, match="would lack the photos"):
+    with using(None), pytest.raises(UsageError, match="would lack the photos"):
         back_up(library, tmp_path / "backup.zip", parts=(), progress=Progress())
     with pytest.raises(UsageError, match="would lack the photos"):
         move_to_file(library.folder, settings.database, progress=Progress())

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
+from tests.s3_server import using
 from webapp.errors import MissingPart, StorageError
 from webapp.files import contents
 from webapp.files.object_storage.bucket import Bucket, watch
@@ -65,7 +66,7 @@ def stored(app, s3, tmp_path):
     """A file that is an object, and a machine without a copy."""
     bucket, path = Bucket(f"s3://{s3.new_bucket()}"), tmp_path / "photo.jpg"
     path.write_bytes(b"photo")
-    with contents.using(ObjectStorage(bucket, ObjectCache(tmp_path / "warm", limit=10**6))):
+    with using(ObjectStorage(bucket, ObjectCache(tmp_path / "warm", limit=10**6))):
         contents.publish(path)
     yield path, ObjectStorage(bucket, ObjectCache(tmp_path / "cold", limit=10**6))
     watch(None)
@@ -133,7 +134,7 @@ def test_the_board_asks_for_figures_that_there_are(app, stranger, client, park, 
         metrics.count_answer({"extract": 0.02, "total": 0.2})
     metrics.look_counter(app)(True)
     path, cold = stored
-    with contents.using(cold):
+    with using(cold):
         contents.local(path)
         families = text_string_to_metric_families(stranger.get("/metrics", headers=TOKEN).text)
     labels = {}
@@ -161,7 +162,7 @@ def test_the_board_asks_for_figures_that_there_are(app, stranger, client, park, 
 
 def test_the_object_storage_and_its_cache(app, figures, stored, s3):
     path, cold = stored
-    with contents.using(cold):
+    with using(cold):
         contents.local(path)
         contents.local(path)
         s3.refuse = (503, "SlowDown")

@@ -145,7 +145,7 @@ class DemoCluster:
             "AWS_SECRET_ACCESS_KEY": _KEY,
             "AWS_DEFAULT_REGION": _REGION,
             "EXPMAP_STORAGE": f"s3://{_BUCKET}/library",
-            "EXPMAP_PROXIES": "1",
+            "EXPMAP_WEB_PROXIES": "1",
             "NO_PROXY": _HERE,  # the user's network may require a proxy
             "no_proxy": _HERE,
             "EXPMAP_SERVE_JOB_WORKERS": "0",

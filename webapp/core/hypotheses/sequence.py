@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.bayes import NEARBY_SHARE, split_missed
 from webapp.core.hypotheses.model import Answer, Hypothesis
-from webapp.core.hypotheses.priors import INSIDE_68, PathPrior, apply_path_prior, fit_path_prior
+from webapp.core.hypotheses.priors import INSIDE_68, PathPrior, apply_path_prior
 
 Array = NDArray[np.float64]
 
@@ -87,18 +87,12 @@ class Belief:
     off: float = 1.0
 
 
-def motion_model(position: Array, *, place_radius_px: float, speed_px: float | None = None) -> MotionModel:
-    """Build the motion model of a map.
+def motion_model(paths: PathPrior, *, speed_px: float | None = None) -> MotionModel:
+    """Build the motion model of a map with these paths.
 
     Args:
-        position: (p, 2) float64. Positions of the map's photos, map pixels.
         speed_px: Typical distance between consecutive frames; by default the place radius.
     """
-    return motion_model_on(fit_path_prior(position, place_radius_px=place_radius_px), speed_px=speed_px)
-
-
-def motion_model_on(paths: PathPrior, *, speed_px: float | None = None) -> MotionModel:
-    """Build the motion model of a map with known paths; otherwise as `motion_model`."""
     return MotionModel(paths, DEFAULT_SPEED * paths.place_radius_px if speed_px is None else speed_px)
 
 

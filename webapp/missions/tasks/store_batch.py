@@ -16,6 +16,8 @@ from webapp.missions.core.trajectory.batch import parse
 from webapp.missions.store import batches
 from webapp.store.library import Library
 
+_KEEP_KEYS = timedelta(days=30)
+
 Also = Callable[[Session, int], None]
 """Called with the number of new records, in the transaction that stores them."""
 
@@ -69,7 +71,7 @@ def store_keyed_batch(
     *,
     records: Sequence[object],
     key: str,
-    keep: timedelta,
+    keep: timedelta = _KEEP_KEYS,
     also: Also | None = None,
 ) -> dict[str, Any]:
     """Store records with an idempotency key instead of numbers; when this returns, they are on the disk.

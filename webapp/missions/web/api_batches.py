@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from datetime import timedelta
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
@@ -38,7 +37,9 @@ _SHARE = 0.75
 
 _MOST_RECORDS = 100_000
 _RECORD_BYTES, _RECORD_VALUES = 10_000, 40
-"""Of a record on average: settings `missions.batch_records` and `batch_mb` limit batches further."""
+"""Of one record."""
+_AVERAGE_BYTES = 400
+"""Of all records of a batch."""
 
 _limit = ConcurrencyLimit("batches", share=_SHARE)
 blueprint.record(_limit.set_up)
@@ -85,7 +86,7 @@ class BatchOut(Schema):
 @blueprint.before_request
 def limit_bytes() -> None:
     """Limit the size of batches; larger ones are refused while they are read."""
-    request.max_content_length = int(settings().missions.batch_mb * 1e6)
+    request.max_content_length = settings().missions.batch_records * _AVERAGE_BYTES
 
 
 @blueprint.errorhandler(OutOfOrder)
@@ -125,8 +126,7 @@ def send(mission_id: int, *, given: dict[str, Any], sent: dict[str, str | None])
     with _limit.slot():
         if numbered is not None:
             return store_batch.store_batch(library(), mission.id, records=records, place=numbered)
-        keep = timedelta(days=settings().missions.keep_keys_days)
-        return store_batch.store_keyed_batch(library(), mission.id, records=records, key=key or "", keep=keep)
+        return store_batch.store_keyed_batch(library(), mission.id, records=records, key=key or "")
 
 
 def _numbered(given: dict[str, Any]) -> Numbered | None:

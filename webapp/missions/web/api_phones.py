@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-from datetime import timedelta
 from functools import partial
 from typing import Any
 
@@ -26,7 +25,7 @@ from webapp.missions.web.context import mission_role, open_mission
 from webapp.render.qr import qr_path
 from webapp.store.clock import now
 from webapp.web.concurrency import ConcurrencyLimit
-from webapp.web.context import account, authorized_by, library, public, settings
+from webapp.web.context import account, authorized_by, library, public
 from webapp.web.fields import LATER, BoundedList, JsonValue, RecordNumber
 
 phones_api = APIBlueprint(
@@ -270,7 +269,6 @@ def _store_one(opened: OpenedPhone, values: dict[str, Any] | None) -> None:
             opened.mission.id,
             records=records,
             key=f"phone:{opened.phone.id}:{digest}",
-            keep=timedelta(days=settings().missions.keep_keys_days),
             also=lambda session, _: phones.note_positions(session, opened.phone, count=1),
         )
 

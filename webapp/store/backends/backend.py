@@ -51,6 +51,10 @@ class Backend(ABC):
     def migration(self, connection: Connection) -> AbstractContextManager[None]:
         """Check the database, and prevent concurrent migrations."""
 
+    def gave_way(self, error: DBAPIError) -> bool:
+        """Return whether a migration has failed only because others use a table."""
+        return False
+
     @abstractmethod
     def expanded_since(self, connection: Connection) -> str | None:
         """Return the schema version since which the tables have only been expanded, as stored by

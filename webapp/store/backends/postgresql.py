@@ -40,6 +40,9 @@ _OLDEST = 15
 _LOCK, _MIGRATION_LOCK = 0x657870_6D6170, 0x657870_6D6171
 """Numbers of the database's advisory locks: for writing, and for migrating."""
 
+_GIVES_WAY_S = 1
+"""Seconds for which a migration waits for a table that others use: all who need it next wait behind it."""
+
 _LIMITS = {
     "statement_timeout": "60s",
     "lock_timeout": f"{WAIT_S}s",
@@ -105,6 +108,7 @@ SELECT EXISTS (
 )
 """
 
+_LOCKED = ("40P01", "55P03")
 _TOO_LARGE = "22003"
 _DAMAGED = ("XX001", "XX002")
 _FULL = "53100"
@@ -152,6 +156,7 @@ class Postgresql(Backend):
         _check(connection)
         connection.exec_driver_sql("SET statement_timeout = 0")
         connection.exec_driver_sql(f"SELECT pg_advisory_lock({_MIGRATION_LOCK})")
+        connection.exec_driver_sql(f"SET lock_timeout = '{_GIVES_WAY_S}s'")
         connection.commit()
         try:
             yield
@@ -159,7 +164,12 @@ class Postgresql(Backend):
             connection.rollback()
             connection.exec_driver_sql(f"SELECT pg_advisory_unlock({_MIGRATION_LOCK})")
             connection.exec_driver_sql("RESET statement_timeout")
+            connection.exec_driver_sql("RESET lock_timeout")
             connection.commit()
+
+    def gave_way(self, error: DBAPIError) -> bool:
+        """Return whether it waited too long for a lock, or was the victim of a deadlock."""
+        return getattr(error.orig, "sqlstate", None) in _LOCKED
 
     def expanded_since(self, connection: Connection) -> str | None:
         """Read the comment on Alembic's table."""

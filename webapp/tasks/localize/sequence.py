@@ -11,7 +11,7 @@ from types import MappingProxyType
 
 from webapp.core.hypotheses.bayes import truncate
 from webapp.core.hypotheses.model import Answer
-from webapp.core.hypotheses.sequence import Belief, MotionModel, filter_step, motion_model_on, smooth
+from webapp.core.hypotheses.sequence import Belief, MotionModel, filter_step, motion_model, smooth
 from webapp.errors import PhotoError, UsageError
 from webapp.files.photos.photo import read_facts
 from webapp.progress import Progress
@@ -27,7 +27,7 @@ _LEAST_STEP = 0.5
 
 def motion(pipeline: LocalizationPipeline, *, speed_px: float | None = None) -> MotionModel:
     """Return the motion model of a camera on the map."""
-    return motion_model_on(pipeline.opened.indexed.paths, speed_px=speed_px)
+    return motion_model(pipeline.opened.indexed.paths, speed_px=speed_px)
 
 
 class SequenceFilter:

@@ -137,7 +137,7 @@ function facts(drawing) {
 }
 
 /** @param {number} size square metres */
-export function areaText(size) {
+function areaText(size) {
   if (size >= 100 * HECTARE_M2) return t("{n} km²", { n: numberText(size / 1e6, 2) });
   if (size >= HECTARE_M2) return t("{n} ha", { n: numberText(size / HECTARE_M2, 1) });
   return t("{n} m²", { n: numberText(size) });

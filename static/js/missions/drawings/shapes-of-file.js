@@ -19,7 +19,7 @@ export async function shapesOf(file) {
 }
 
 /** @param {string} text */
-export function shapesOfGeoJson(text) {
+function shapesOfGeoJson(text) {
   let document;
   try {
     document = JSON.parse(text);
@@ -41,7 +41,7 @@ function geometryShapes(geometry, name) {
 }
 
 /** @param {string} text */
-export function shapesOfKml(text) {
+function shapesOfKml(text) {
   const page = new DOMParser().parseFromString(text, "application/xml");
   if (page.querySelector("parsererror")) throw new Error(t("The file is neither GeoJSON nor KML."));
   const marks = [...page.getElementsByTagNameNS("*", "Placemark")];
