@@ -50,8 +50,8 @@ _CHANGING = ("POT-Cre", "PO-Rev", "Generated", "Project-Id", "Report-Msg", "Last
 
 _NO_DATE = datetime(1970, 1, 1, tzinfo=UTC)
 
-_WITH_ERRORS = {"decode.py", "events", "store", "tasks", "web"}
-"""Layers, here and in the missions wing, the module that reads images, and a connection: their errors are
+_WITH_ERRORS = {"decode.py", "events", "oidc", "passkeys", "store", "tasks", "web"}
+"""Layers, here and in the missions wing, the module that reads images, and connections: their errors are
 translated when they are shown."""
 
 _IN_JOBS = {"jobs", "jobs.py", "sample", "tasks"}

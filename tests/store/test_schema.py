@@ -13,6 +13,7 @@ from sqlalchemy import text
 from sqlalchemy.exc import IntegrityError
 
 import webapp.missions.store.schema  # noqa: F401  (its tables are part of the database)
+import webapp.store.accounts.identities  # noqa: F401
 import webapp.store.maps.photo_vectors  # noqa: F401
 from webapp.errors import NotFound, StorageError
 from webapp.missions.store import shares as mission_shares

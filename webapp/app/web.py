@@ -156,6 +156,7 @@ WEB_PARTS = Parts(
         for kind in ("map", "mission")
     },
     account_pages=tuple(page for part in CONNECTED for page in part.account_pages),
+    sign_in_ways=tuple(way for part in CONNECTED for way in part.sign_in_ways),
 )
 
 
