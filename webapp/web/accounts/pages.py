@@ -13,7 +13,7 @@ from webapp.store import sharing
 from webapp.store.accounts import accounts, sign_in
 from webapp.store.schema import Account
 from webapp.web import errors
-from webapp.web.accounts import sessions, ways
+from webapp.web.accounts import codes, sessions, ways
 from webapp.web.context import account, library, public, settings
 from webapp.web.language import LANGUAGES
 from webapp.web.pages import back, own_path, page, text
@@ -253,6 +253,8 @@ def by_password() -> Response | tuple[str, int, dict[str, str]]:
     except (NotAllowed, NotSignedIn, TooMany) as error:
         page = render_template("accounts/sign_in.html", next=there, name=text("name"), error=error)
         return page, errors.status_of(error), errors.extra_headers(error)
+    if (asked := codes.ask_for_code(account, then=there)) is not None:
+        return asked
     sessions.sign_in(account)
     return without_cache(redirect(there, code=303) if there else back("map_pages.index"))
 
