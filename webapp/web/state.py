@@ -43,6 +43,7 @@ class SignInWay(NamedTuple):
     icon: str  # of static/img/icons.svg
     label: Callable[[], str]  # Of its button
     is_offered: Callable[[], bool]
+    is_first: bool = False  # Whether it is above the form for passwords
     is_required: Callable[[], bool] = lambda: False  # Whether passwords, and links of pages, are refused
     # Called before the session of the caller ends: an address where it ends elsewhere, too.
     leave: Callable[[], str | None] = lambda: None

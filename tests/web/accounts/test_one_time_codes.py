@@ -2,11 +2,13 @@
 
 import re
 import time
+from urllib.parse import urlsplit
 
 import pyotp
 import pytest
 
 from tests.web.accounts.test_signing_in import PASSWORD, is_in
+from webapp.app import main as program
 from webapp.store.accounts import accounts, one_time_codes, sign_in
 from webapp.store.schema import Account
 
@@ -169,11 +171,16 @@ def test_the_codes_are_those_of_the_rfc():
         assert one_time_codes._code(b"12345678901234567890", at // 30) == code
 
 
-def test_a_link_of_the_command_line_rescues_from_a_lost_phone(phone, library, jana, app, database_url):
-    with library.database.write() as session:
-        token = sign_in.new_link(session, jana, hours=1)
-        one_time_codes.turn_off(session, jana.id)
+def test_a_link_of_the_command_line_rescues_from_a_lost_phone(
+    phone, library, app, database_url, monkeypatch, capsys
+):
+    if database_url:
+        monkeypatch.setenv("EXPMAP_DATABASE", database_url)
+    with pytest.raises(SystemExit) as ended:
+        program.main(["account", "link", "--account", "jana", "--no-codes", "--library", str(library.folder)])
+    assert ended.value.code == 0
     browser = app.test_client()
-    assert browser.post(f"/sign-in/{token}").status_code == 303
+    assert browser.post(urlsplit(capsys.readouterr().out.strip()).path).status_code == 303
     assert is_in(browser)
-    assert app.test_client().post("/sign-in", data={"name": "jana", "password": PASSWORD}).status_code == 303
+    answer = app.test_client().post("/sign-in", data={"name": "jana", "password": PASSWORD})
+    assert answer.headers["Location"] == "/", "no code is asked for"

@@ -310,8 +310,9 @@ PARTS = Parts(
     sign_in_ways=(
         SignInWay(
             "oidc.start",
-            "key",
-            _label,
+            "people",
+            label=_label,
+            is_first=True,
             is_offered=lambda: is_set_up(settings().oidc),
             is_required=lambda: settings().oidc.required == "yes",
             leave=_leave,

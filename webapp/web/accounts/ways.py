@@ -16,7 +16,7 @@ def offered() -> list[SignInWay]:
 
 def required() -> SignInWay | None:
     """Return the way that everybody has to use; None if passwords and links are accepted."""
-    return next((way for way in offered() if way.is_required()), None)
+    return next((way for way in parts().sign_in_ways if way.is_required()), None)
 
 
 def check_passwords() -> None:
