@@ -283,7 +283,7 @@ def _of_everybody(db: Session) -> dict[str, Any]:
     maps = select(MapRecord).where(MapRecord.binned_at.is_(None)).order_by(MapRecord.name, MapRecord.id)
     return {
         "waiting": [one for one, whose in found if whose is None],
-        "linked": [(one, whose) for one, whose in found if whose is not None],
+        "linked": [(one, whose) for one, whose in found if whose is not None and whose.id != account().id],
         "rules": identities.rules(db),
         "maps": list(db.scalars(maps)),
         "people": accounts.list_accounts(db),
