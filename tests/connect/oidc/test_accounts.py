@@ -8,7 +8,7 @@ from sqlalchemy import select
 from tests.connect.oidc.conftest import enter, there
 from webapp.app import main as program
 from webapp.store.accounts import accounts, identities, sign_in
-from webapp.store.accounts.identities import Identity, Person
+from webapp.store.accounts.identities import Person, SignInIdentity
 from webapp.store.maps.maps import role_of
 from webapp.store.schema import Account, MapRecord
 
@@ -196,7 +196,11 @@ def test_waiting_identities_are_limited(library, monkeypatch):
     with library.database.write() as session:
         for number in range(6):
             identities.note(session, person(number))
-        assert session.scalars(select(Identity.subject).order_by(Identity.id)).all() == ["3", "4", "5"]
+        assert session.scalars(select(SignInIdentity.subject).order_by(SignInIdentity.id)).all() == [
+            "3",
+            "4",
+            "5",
+        ]
 
 
 def person(number):

@@ -13,7 +13,7 @@ from tests.connect.oidc.provider import CLIENT, key, number_text
 from webapp.connect.oidc.provider import Provider, check_settings
 from webapp.errors import UsageError
 from webapp.store.accounts import accounts, sign_in
-from webapp.store.accounts.identities import Identity, ProviderSession
+from webapp.store.accounts.identities import ProviderSession, SignInIdentity
 from webapp.store.clock import now
 from webapp.store.outbox import EventReceiver
 
@@ -40,7 +40,7 @@ def test_somebody_signs_in_and_gets_an_account(app, provider, library):
     provider.user |= {"name": "Jana Nova", "email": "new@example.org"}
     enter(again)
     with library.database.read() as session:
-        (identity,) = session.scalars(select(Identity))
+        (identity,) = session.scalars(select(SignInIdentity))
         assert (identity.issuer, identity.subject) == (provider.issuer, "u-17")
         assert (identity.name, identity.email) == ("Jana Nova", "new@example.org")
         assert [one.name for one in accounts.list_accounts(session)] == ["Jana"]

@@ -27,7 +27,7 @@ from tests.web.conftest import (
 )
 from webapp.app import main as program
 from webapp.app.web import create_app
-from webapp.connect.passkeys.ceremonies import Site
+from webapp.connect.passkeys.ceremonies import PasskeySite
 from webapp.settings import EventSettings, OidcSettings
 from webapp.store.accounts import sign_in as ways_in
 from webapp.store.accounts.passkeys import Passkey
@@ -162,7 +162,7 @@ def test_attempts_are_limited(client, stranger, settings):
     ],
 )
 def test_they_are_offered_where_browsers_have_them(origin, offered):
-    assert Site(origin).has_passkeys is offered
+    assert PasskeySite(origin).has_passkeys is offered
 
 
 def test_the_public_address_counts_and_a_required_provider_excludes_them(settings, library, owner):

@@ -265,7 +265,8 @@ class Provider:
     def _exchange(self, code: str, attempt: Attempt, *, redirect: str) -> dict[str, Any]:
         address = self.metadata().token
         with self._client() as client, _translated(address):
-            from authlib.integrations.base_client import OAuthError
+            with extra("connect"):
+                from authlib.integrations.base_client import OAuthError
 
             try:
                 tokens = client.fetch_token(
@@ -286,8 +287,9 @@ class Provider:
 
     def _verified(self, id_token: str, attempt: Attempt, *, access_token: object) -> dict[str, Any]:
         """Check an ID token: signature, issuer, audience, time, nonce and hash of the access token."""
-        from authlib.oidc.core import CodeIDToken
-        from joserfc.errors import JoseError
+        with extra("connect"):
+            from authlib.oidc.core import CodeIDToken
+            from joserfc.errors import JoseError
 
         try:
             decoded = self._decoded(id_token)
@@ -311,10 +313,11 @@ class Provider:
         return dict(claims)
 
     def _decoded(self, id_token: str) -> Any:
-        from joserfc import jwt
-        from joserfc.errors import BadSignatureError, InvalidKeyIdError
-        from joserfc.jwk import KeySet
-        from joserfc.jws import JWSRegistry
+        with extra("connect"):
+            from joserfc import jwt
+            from joserfc.errors import BadSignatureError, InvalidKeyIdError
+            from joserfc.jwk import KeySet
+            from joserfc.jws import JWSRegistry
 
         rules = JWSRegistry(algorithms=list(self.metadata().algorithms), strict_check_header=False)
         try:
@@ -399,7 +402,8 @@ def _is_local(host: str | None) -> bool:
 
 
 def _key_id(id_token: str) -> str:
-    from joserfc.jws import extract_compact
+    with extra("connect"):
+        from joserfc.jws import extract_compact
 
     return str(extract_compact(id_token.encode()).protected.get("kid"))[:_MAX_TEXT]
 

@@ -12,7 +12,7 @@ from webapp.errors import NotAllowed
 from webapp.extras import extra
 from webapp.settings import OidcSettings
 from webapp.store.accounts import identities
-from webapp.store.accounts.identities import Identity, Person
+from webapp.store.accounts.identities import Person, SignInIdentity
 from webapp.store.accounts.secret_key import derived_secret
 from webapp.store.schema import Account
 
@@ -21,7 +21,9 @@ _PURPOSE = "id tokens of sign-ins"
 _log = logging.getLogger(__name__)
 
 
-def admit(session: Session, person: Person, *, settings: OidcSettings) -> tuple[Account | None, Identity]:
+def admit(
+    session: Session, person: Person, *, settings: OidcSettings
+) -> tuple[Account | None, SignInIdentity]:
     """Find or make the account of a person, and give it the roles of the person's groups.
 
     An identity without an account is kept, for the owners of the library to link: the caller commits before
@@ -49,7 +51,7 @@ def admit(session: Session, person: Person, *, settings: OidcSettings) -> tuple[
     return session.get_one(Account, identity.account_id), identity
 
 
-def not_admitted(settings: OidcSettings, identity: Identity) -> NotAllowed:
+def not_admitted(settings: OidcSettings, identity: SignInIdentity) -> NotAllowed:
     if settings.accounts == "groups":
         return NotAllowed(
             "you are in none of the groups that may sign in here", hint="ask the owner of the library"

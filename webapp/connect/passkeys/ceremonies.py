@@ -19,7 +19,7 @@ _TIMEOUT_MS = 300_000
 
 
 @dataclass(frozen=True, slots=True)
-class Site:
+class PasskeySite:
     """The address to which passkeys belong."""
 
     origin: str
@@ -39,7 +39,7 @@ class Site:
 
 
 def registration_options(
-    site: Site, account: Account, *, handle: bytes, known: list[Passkey]
+    site: PasskeySite, account: Account, *, handle: bytes, known: list[Passkey]
 ) -> dict[str, Any]:
     """Make the options of `navigator.credentials.create`.
 
@@ -67,7 +67,7 @@ def registration_options(
     return _json(options)
 
 
-def sign_in_options(site: Site) -> dict[str, Any]:
+def sign_in_options(site: PasskeySite) -> dict[str, Any]:
     """Make the options of `navigator.credentials.get`: the authenticator knows the account."""
     with extra("connect"):
         import webauthn
@@ -80,7 +80,7 @@ def sign_in_options(site: Site) -> dict[str, Any]:
     return _json(options)
 
 
-def registered(site: Site, answer: str, *, challenge: str) -> Passkey:
+def registered(site: PasskeySite, answer: str, *, challenge: str) -> Passkey:
     """Verify the answer of a registration; returns a passkey without account and name. Raises InputError."""
     with extra("connect"):
         import webauthn
@@ -112,7 +112,7 @@ def credential_of(answer: str) -> str:
         raise _refused(error) from error
 
 
-def used(site: Site, answer: str, *, challenge: str, passkey: Passkey) -> int:
+def used(site: PasskeySite, answer: str, *, challenge: str, passkey: Passkey) -> int:
     """Verify the answer of a sign-in; returns how often the passkey was used. Raises NotSignedIn."""
     with extra("connect"):
         import webauthn
@@ -148,7 +148,8 @@ def _read(answer: str) -> dict[str, Any]:
 
 
 def _json(options: Any) -> dict[str, Any]:
-    from webauthn import options_to_json
+    with extra("connect"):
+        from webauthn import options_to_json
 
     found: dict[str, Any] = json.loads(options_to_json(options))
     return found

@@ -10,7 +10,7 @@ from flask_babel import lazy_gettext
 from werkzeug.wrappers import Response
 
 from webapp.connect.passkeys import ceremonies
-from webapp.connect.passkeys.ceremonies import Site
+from webapp.connect.passkeys.ceremonies import PasskeySite
 from webapp.errors import ExpMapError, NotSignedIn
 from webapp.extras import is_installed
 from webapp.store.accounts import passkeys, sign_in
@@ -97,8 +97,8 @@ def remove(id: int) -> Response:
     return back("passkeys.show")
 
 
-def _site() -> Site:
-    return Site(site())
+def _site() -> PasskeySite:
+    return PasskeySite(site())
 
 
 def _account_of(answer: str, *, challenge: str | None) -> Any:
@@ -157,7 +157,10 @@ PARTS = Parts(
     ),
     sign_in_ways=(
         SignInWay(
-            "passkeys.start", "person", lambda: str(_("Sign in with a passkey")), is_offered=_is_offered
+            "passkeys.start",
+            "key",
+            label=lambda: str(_("Sign in with a passkey")),
+            is_offered=_is_offered,
         ),
     ),
 )

@@ -32,7 +32,7 @@ _MAX_TEXT = 255
 _log = logging.getLogger(__name__)
 
 
-class Identity(Base):
+class SignInIdentity(Base):
     """Somebody whom a provider has signed in."""
 
     __tablename__ = "sign_in_identity"
@@ -112,13 +112,15 @@ class Person:
     groups: tuple[str, ...]
 
 
-def note(session: Session, person: Person) -> Identity:
+def note(session: Session, person: Person) -> SignInIdentity:
     """Find the identity of a person, or keep a new one that waits for an account."""
-    known = select(Identity).where(Identity.issuer == person.issuer, Identity.subject == person.subject)
+    known = select(SignInIdentity).where(
+        SignInIdentity.issuer == person.issuer, SignInIdentity.subject == person.subject
+    )
     identity = session.scalar(known)
     if identity is None:
         _forget_oldest_waiting(session)
-        identity = Identity(issuer=person.issuer, subject=person.subject)
+        identity = SignInIdentity(issuer=person.issuer, subject=person.subject)
         session.add(identity)
     identity.name, identity.email = person.name[:_MAX_TEXT], (person.email or "")[:_MAX_TEXT] or None
     identity.seen_at = now()
@@ -126,7 +128,7 @@ def note(session: Session, person: Person) -> Identity:
     return identity
 
 
-def link(session: Session, identity: Identity, *, account: Account) -> None:
+def link(session: Session, identity: SignInIdentity, *, account: Account) -> None:
     """Give an identity its account. Raises Conflict if it is that of another one."""
     if identity.account_id not in (None, account.id):
         raise Conflict(
@@ -135,14 +137,14 @@ def link(session: Session, identity: Identity, *, account: Account) -> None:
     identity.account_id = account.id
 
 
-def unlink(session: Session, identity: Identity) -> None:
+def unlink(session: Session, identity: SignInIdentity) -> None:
     """Take an identity and the roles of its groups from its account."""
     if identity.account_id is not None:
         apply_groups(session, identity, groups=())
     session.delete(identity)
 
 
-def new_account(session: Session, identity: Identity) -> Account:
+def new_account(session: Session, identity: SignInIdentity) -> Account:
     """Create the account of an identity, by its name, with a number if the name is taken."""
     tidy = texts.tidy_name(identity.name, most=50) or texts.tidy_name(identity.name[:40], most=50) or "Guest"
     for number in range(1, 1000):
@@ -173,22 +175,24 @@ def account_with_mail(session: Session, address: str, *, issuer: str) -> Account
     return found[0]
 
 
-def identities_of(session: Session, account: Account) -> list[Identity]:
+def identities_of(session: Session, account: Account) -> list[SignInIdentity]:
     """List the identities of an account, the oldest first."""
-    mine = select(Identity).where(Identity.account_id == account.id)
-    return list(session.scalars(mine.order_by(Identity.id)))
+    mine = select(SignInIdentity).where(SignInIdentity.account_id == account.id)
+    return list(session.scalars(mine.order_by(SignInIdentity.id)))
 
 
-def everybody(session: Session) -> list[tuple[Identity, Account | None]]:
+def everybody(session: Session) -> list[tuple[SignInIdentity, Account | None]]:
     """List all identities with their accounts, those that wait first, the last seen first."""
-    found = select(Identity, Account).outerjoin(Account, Account.id == Identity.account_id)
-    ordered = found.order_by(Identity.account_id.is_not(None), Identity.seen_at.desc(), Identity.id.desc())
+    found = select(SignInIdentity, Account).outerjoin(Account, Account.id == SignInIdentity.account_id)
+    ordered = found.order_by(
+        SignInIdentity.account_id.is_not(None), SignInIdentity.seen_at.desc(), SignInIdentity.id.desc()
+    )
     return [(identity, account) for identity, account in session.execute(ordered)]
 
 
-def find(session: Session, id: int) -> Identity:
+def find(session: Session, id: int) -> SignInIdentity:
     """Find an identity. Raises NotFound."""
-    identity = session.get(Identity, id)
+    identity = session.get(SignInIdentity, id)
     if identity is None:
         raise NotFound("identity not found", hint="reload the page")
     return identity
@@ -237,7 +241,7 @@ def has_rule(session: Session, groups: Collection[str]) -> bool:
     return any(rule.group in groups for rule, _ in rules(session))
 
 
-def apply_groups(session: Session, identity: Identity, *, groups: Collection[str]) -> None:
+def apply_groups(session: Session, identity: SignInIdentity, *, groups: Collection[str]) -> None:
     """Give the account of an identity the roles of its groups, and take back those of groups it has left.
 
     Roles that people gave are kept, also where they are higher.
@@ -257,7 +261,9 @@ def apply_groups(session: Session, identity: Identity, *, groups: Collection[str
             _log.warning("a role of %s on map %s is kept: %s", account.name, map_id, error.message)
 
 
-def begin_session(session: Session, identity: Identity, *, id_hash: str, id_token: str, days: int) -> None:
+def begin_session(
+    session: Session, identity: SignInIdentity, *, id_hash: str, id_token: str, days: int
+) -> None:
     """Keep what ends a session at the provider, and forget sessions that are over."""
     session.execute(delete(ProviderSession).where(ProviderSession.at < now() - timedelta(days=days)))
     session.merge(ProviderSession(id_hash=id_hash, identity_id=identity.id, id_token=id_token))
@@ -273,12 +279,16 @@ def end_session(session: Session, id_hash: str) -> str | None:
 
 
 def _forget_oldest_waiting(session: Session) -> None:
-    waiting = select(Identity.id).where(Identity.account_id.is_(None)).order_by(Identity.seen_at.desc())
+    waiting = (
+        select(SignInIdentity.id)
+        .where(SignInIdentity.account_id.is_(None))
+        .order_by(SignInIdentity.seen_at.desc())
+    )
     old = session.scalars(waiting.offset(_MOST_WAITING - 1)).all()
-    session.execute(delete(Identity).where(Identity.id.in_(old)))
+    session.execute(delete(SignInIdentity).where(SignInIdentity.id.in_(old)))
 
 
-def _apply_library(session: Session, identity: Identity, *, owns: bool) -> None:
+def _apply_library(session: Session, identity: SignInIdentity, *, owns: bool) -> None:
     account = session.get_one(Account, identity.account_id)
     if owns and not account.is_owner:
         account.is_owner = identity.gave_library = True
@@ -290,7 +300,7 @@ def _apply_library(session: Session, identity: Identity, *, owns: bool) -> None:
             _log.warning("%s has left the group of owners, but a library needs an owner", account.name)
 
 
-def _apply_map(session: Session, identity: Identity, *, map_id: int, wanted: str | None) -> None:
+def _apply_map(session: Session, identity: SignInIdentity, *, map_id: int, wanted: str | None) -> None:
     """Bring the role on one map up to date: the higher one of what people and what groups gave."""
     record, account = session.get_one(MapRecord, map_id), session.get_one(Account, identity.account_id)
     member, given = session.get(Member, (map_id, account.id)), session.get(GivenRole, (identity.id, map_id))
