@@ -77,6 +77,7 @@ PAGES = {
     "events": ("/account/events", ("",)),
     "field-forms": ("/account/forms", ("",)),
     "photo-libraries": ("/account/libraries", ("",)),  # the last: photos come onto the sample map
+    "sign-in": ("/account/oidc", ("",)),
 }
 SPOTS = {"kerb, east": 6, "kerb, north": 20, "kerb, west": 30, "manhole": 52}
 """Names of control points, and the photo in front of which each is on the ground."""
@@ -144,7 +145,8 @@ def main() -> None:
         tempfile.TemporaryDirectory() as folder,
         reserved_port() as port,
         receiving() as environ,
-        App(Path(folder) / "maps", port=port, environ=environ) as app,
+        providing() as provider,
+        App(Path(folder) / "maps", port=port, environ=environ | provider) as app,
         sync_playwright() as p,
     ):
         chromium = p.chromium.launch(executable_path=browser, args=list(BROWSER_OPTIONS))
@@ -159,6 +161,7 @@ def main() -> None:
         make_panoramas(api, app.library / "sample", scratch=Path(folder) / "survey")
         make_floors(api, app.library / "sample")
         choose_events(api, environ)
+        add_groups(context, chromium, home=app.url)
         time.sleep(65)  # as long as pages show jobs that have ended
         for name, (path, looks) in PAGES.items():
             for look in looks:
@@ -366,6 +369,35 @@ def choose_events(api: Api, environ: dict[str, str]) -> None:
     mail = {"kind": "mail", "address": "alarm@example.org", "events": ["robot.silent", "job.failed"]}
     api.ask("POST", "/account/events", data=mail)
     time.sleep(5)
+
+
+@contextmanager
+def providing() -> Iterator[dict[str, str]]:
+    """Run an OpenID Connect provider on this machine; yield the settings by which it is used."""
+    tools = "tests.connect.oidc.provider"  # that connection can be removed
+    with import_name(f"{tools}:serving")() as provider:
+        provider.user = {"sub": "7f3c-41", "name": "Ranger 12", "email": "ranger12@example.org"}
+        yield {
+            "EXPMAP_OIDC_ISSUER": provider.issuer,
+            "EXPMAP_OIDC_CLIENT_ID": import_name(f"{tools}:CLIENT"),
+            "EXPMAP_OIDC_CLIENT_SECRET": import_name(f"{tools}:SECRET"),
+            "EXPMAP_OIDC_NAME": "Ranger ID",
+        }
+
+
+def add_groups(context: BrowserContext, browser: Browser, *, home: str) -> None:
+    """Fill the table of groups, and have somebody wait for an account."""
+    stranger = browser.new_context(base_url=home)
+    stranger.new_page().goto("/oidc/start")
+    stranger.close()
+    page = context.new_page()
+    for group, role in (("admins", "owner"), ("rangers", "editor 1"), ("volunteers", "viewer 1")):
+        page.goto("/account/oidc")
+        page.locator("#group").fill(group)
+        page.locator("#role").select_option(role)
+        page.locator("#role").locator("xpath=ancestor::form").get_by_role("button").click()
+        page.wait_for_load_state()
+    page.close()
 
 
 def shoot(browser: Browser, app: App, cookies: Any, *, path: str, name: str, look: dict[str, Any]) -> None:

@@ -50,7 +50,7 @@ _CHANGING = ("POT-Cre", "PO-Rev", "Generated", "Project-Id", "Report-Msg", "Last
 
 _NO_DATE = datetime(1970, 1, 1, tzinfo=UTC)
 
-_WITH_ERRORS = {"decode.py", "events", "forms", "libraries", "store", "tasks", "web"}
+_WITH_ERRORS = {"decode.py", "events", "forms", "libraries", "oidc", "passkeys", "store", "tasks", "web"}
 """Layers, here and in the missions wing, the module that reads images, and connections: their errors are
 translated when they are shown."""
 

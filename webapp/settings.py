@@ -416,6 +416,41 @@ class LibrarySettings:
 
 
 @dataclass(frozen=True, slots=True)
+class OidcSettings:
+    """Sign-in by an OpenID Connect provider."""
+
+    issuer: str | None = None
+    """Address of the provider, as in its documents; none: no sign-in there."""
+
+    client_id: str | None = None
+    """Name of this server at the provider."""
+
+    client_secret: str | None = None
+    """Secret of this server at the provider; none: a public client."""
+
+    name: str | None = None
+    """Name of the provider on the pages; none: its host."""
+
+    scopes: str = "openid profile email"
+    """What is asked for, separated by spaces."""
+
+    groups_claim: str = "groups"
+    """Claim with the groups of a person."""
+
+    accounts: str = "linked"
+    """Who gets in: `linked` identities, those in listed `groups`, or `everybody` at the provider."""
+
+    match_email: str = "no"
+    """`verified`: a new identity gets the account with the same confirmed e-mail address."""
+
+    required: str = "no"
+    """`yes`: no sign-in by passwords, and by links from the command line only."""
+
+    timeout_s: float = 10.0
+    """Seconds without an answer after which a request to the provider fails."""
+
+
+@dataclass(frozen=True, slots=True)
 class Settings:
     """All settings of one run."""
 
@@ -439,6 +474,7 @@ class Settings:
     events: EventSettings = field(default_factory=EventSettings)
     mail: MailSettings = field(default_factory=MailSettings)
     libraries: LibrarySettings = field(default_factory=LibrarySettings)
+    oidc: OidcSettings = field(default_factory=OidcSettings)
     library: Path = Path("maps")
     """Folder of the maps."""
 

@@ -13,6 +13,9 @@ from sqlalchemy import text
 from sqlalchemy.exc import IntegrityError
 
 import webapp.missions.store.schema  # noqa: F401  (its tables are part of the database)
+import webapp.store.accounts.identities  # noqa: F401
+import webapp.store.accounts.one_time_codes  # noqa: F401
+import webapp.store.accounts.passkeys  # noqa: F401
 import webapp.store.maps.photo_vectors  # noqa: F401
 import webapp.store.photo_libraries  # noqa: F401
 from webapp.errors import NotFound, StorageError

@@ -33,7 +33,7 @@ from webapp.missions.web.context import PATH_PARAMETERS
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.web import installable, make_app, manual
-from webapp.web.accounts import api_accounts
+from webapp.web.accounts import api_accounts, codes
 from webapp.web.accounts import pages as accounts_pages
 from webapp.web.landmarks import api_cloud, api_place_rest, api_points
 from webapp.web.landmarks import pages as landmarks_pages
@@ -85,6 +85,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     accounts_pages.account_pages,
     accounts_pages.people_pages,
     accounts_pages.sign_in_pages,
+    codes.code_pages,
     api_exchange.blueprint,
     installable.blueprint,
     api_localize.find_api,
@@ -159,6 +160,7 @@ WEB_PARTS = Parts(
         for kind in ("map", "mission")
     },
     account_pages=tuple(page for part in CONNECTED for page in part.account_pages),
+    sign_in_ways=tuple(way for part in CONNECTED for way in part.sign_in_ways),
 )
 
 

@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 from webapp.configuration import load_settings
 from webapp.errors import NotFound
 from webapp.settings import Settings
-from webapp.store.accounts import accounts, sign_in
+from webapp.store.accounts import accounts, one_time_codes, sign_in
 from webapp.store.library import Library, has_library, open_library
 from webapp.store.schema import Account
 from webapp.tasks.operate.open_storage import open_storage
@@ -86,16 +86,20 @@ def _account_option(command: Callable[..., None]) -> Callable[..., None]:
 
 @click.command()
 @_account_option
+@click.option("--no-codes", is_flag=True, help="Also turn off the account's one-time codes.")
 @_url_option
 @library_option
-def link(account: str | None, url: str, library: Path | None) -> None:
+def link(account: str | None, no_codes: bool, url: str, library: Path | None) -> None:
     """Print a one-time sign-in link.
 
-    For a new user, or for one who can no longer sign in.
+    For a new user, or for one who can no longer sign in. A link asks for no password and no code of an app.
     """
     settings = load_settings()
     with _writing(library) as session:
-        token = sign_in.new_link(session, _account_named(session, account), hours=settings.web.link_hours)
+        person = _account_named(session, account)
+        token = sign_in.new_link(session, person, hours=settings.web.link_hours)
+        if no_codes:
+            one_time_codes.turn_off(session, person.id)
     click.echo(_link(url, token))
 
 

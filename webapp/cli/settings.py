@@ -8,7 +8,14 @@ import click
 
 from webapp.configuration import Effective, effective_settings
 
-_SECRET = {"database", "serve.metrics_token", "token", "street.mapillary_token", "mail.password"}
+_SECRET = {
+    "database",
+    "mail.password",
+    "oidc.client_secret",
+    "serve.metrics_token",
+    "street.mapillary_token",
+    "token",
+}
 
 
 @click.command()

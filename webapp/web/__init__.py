@@ -29,7 +29,7 @@ from webapp.web import (
     request_log,
     static_files,
 )
-from webapp.web.accounts import security, sessions
+from webapp.web.accounts import security, sessions, ways
 from webapp.web.operate import metrics
 from webapp.web.state import KEY, AppState, Parts
 
@@ -40,6 +40,7 @@ _PARTS = (
     concurrency,
     security,
     sessions,
+    ways,
     language,
     static_files,
     pages,

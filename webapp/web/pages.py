@@ -24,7 +24,7 @@ from webapp.files.satellite.georeference_files import CORNER_SUFFIX, worldfile_s
 from webapp.store.clock import now
 from webapp.web import language
 from webapp.web.accounts import sessions
-from webapp.web.state import ExportLink, parts
+from webapp.web.state import ExportLink, parts, settings
 
 _THEMES = ("light", "dark")
 _MARK = "_expmap_page"
@@ -199,6 +199,11 @@ def own_path(address: str | None) -> str | None:
     if not parts.path.startswith("/") or parts.path.startswith("//"):
         return None
     return f"{parts.path}?{parts.query}" if parts.query else parts.path
+
+
+def site() -> str:
+    """Return the address of this server, as browsers know it."""
+    return (settings().events.site or request.host_url).rstrip("/")
 
 
 def back(endpoint: str, **values: Any) -> Response:

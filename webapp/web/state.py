@@ -33,6 +33,20 @@ class AccountPage(NamedTuple):
     endpoint: str
     title: LazyString
     about: LazyString
+    is_offered: Callable[[], bool] = lambda: True
+
+
+class SignInWay(NamedTuple):
+    """A way to sign in besides links and passwords."""
+
+    endpoint: str  # GET with `next` begins it
+    icon: str  # of static/img/icons.svg
+    label: Callable[[], str]  # Of its button
+    is_offered: Callable[[], bool]
+    is_first: bool = False  # Whether it is above the form for passwords
+    is_required: Callable[[], bool] = lambda: False  # Whether passwords, and links of pages, are refused
+    # Called before the session of the caller ends: an address where it ends elsewhere, too.
+    leave: Callable[[], str | None] = lambda: None
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +64,7 @@ class Parts:
     # Entries of the export menus of a "map" and a "mission", after those of the program itself.
     exports: Mapping[str, tuple[ExportLink, ...]] = field(default_factory=dict)
     account_pages: tuple[AccountPage, ...] = ()
+    sign_in_ways: tuple[SignInWay, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

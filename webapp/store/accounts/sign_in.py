@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import timedelta
 from functools import cache
 
@@ -84,24 +86,40 @@ def by_password(
         NotSignedIn: Wrong name or password; the error does not say which is wrong.
         TooMany: There were too many failures for this name or from this address.
     """
-    tried = [f"name:{texts.plain(name)}"[:_MAX_WHO], f"address:{address}"[:_MAX_WHO]]
+    with counted(database, f"name:{texts.plain(name)}", address=address, limits=limits):
+        with database.read() as session:
+            account = _named(session, name)
+        known = account.password_hash if account is not None else None
+        # An unknown name takes as long as a wrong password: the time does not reveal which names exist.
+        right = check_password_hash(known or _dummy_hash(), password[: _MAX_PASSWORD + 1])
+        if account is None or known is None or not right:
+            raise NotSignedIn(
+                "wrong name or password",
+                hint="without a password, sign in by a link: expmap account link",
+            )
+    return account
+
+
+@contextmanager
+def counted(database: Database, who: str, *, address: str, limits: WebSettings) -> Iterator[None]:
+    """Limit the failures of what the block checks: it fails if it raises an error.
+
+    Args:
+        who: Whose secret is tried.
+        address: Client address of the request.
+
+    Raises:
+        TooMany: There were too many failures for this subject or from this address.
+    """
+    tried = [who[:_MAX_WHO], f"address:{address}"[:_MAX_WHO]]
     # Counted as a failure before it is checked, so that the limit holds for parallel attempts, too.
     with database.write() as session:
         _check_failures(session, tried, limits=limits)
-        counted = _note_failure(session, tried, limits=limits)
-        account = _named(session, name)
-    known = account.password_hash if account is not None else None
-    # An unknown name takes as long as a wrong password: the response time does not reveal which names exist.
-    right = check_password_hash(known or _dummy_hash(), password[: _MAX_PASSWORD + 1])
-    if account is None or known is None or not right:
-        raise NotSignedIn(
-            "wrong name or password",
-            hint="without a password, sign in by a link: expmap account link",
-        )
+        noted = _note_failure(session, tried, limits=limits)
+    yield
     with database.write() as session:
-        mine = or_(FailedSignIn.who == tried[0], FailedSignIn.id.in_(counted))
+        mine = or_(FailedSignIn.who == tried[0], FailedSignIn.id.in_(noted))
         session.execute(delete(FailedSignIn).where(mine))
-    return account
 
 
 def _named(session: Session, name: str) -> Account | None:

@@ -18,6 +18,7 @@ from webapp.errors import NotAllowed, NotFound
 from webapp.store import sharing
 from webapp.store.accounts import accounts, sign_in
 from webapp.store.schema import Account, ApiToken
+from webapp.web.accounts import ways
 from webapp.web.context import account, library, settings
 from webapp.web.fields import LATER
 from webapp.web.language import LANGUAGES
@@ -207,6 +208,7 @@ def list_accounts() -> dict[str, Any]:
 @people_api.output(SignInLinkOut, status_code=201)
 def add(data: dict[str, str]) -> dict[str, Any]:
     """Make an account, and a link to sign in to it."""
+    ways.check_new_links()
     with library().database.write() as session:
         return _link(session, accounts.create(session, data["name"]))
 
@@ -215,6 +217,7 @@ def add(data: dict[str, str]) -> dict[str, Any]:
 @people_api.output(SignInLinkOut, status_code=201)
 def new_link(account_id: int) -> dict[str, Any]:
     """Make another sign-in link, for a user who can no longer sign in."""
+    ways.check_new_links()
     with library().database.write() as session:
         return _link(session, _person(session, account_id))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from apiflask import APIBlueprint
-from flask import Blueprint, flash, redirect, render_template, request, session, url_for
+from flask import Blueprint, flash, make_response, redirect, render_template, request, session, url_for
 from flask_babel import gettext as _
 from flask_babel import ngettext, refresh
 from werkzeug.wrappers import Response
@@ -13,7 +13,7 @@ from webapp.store import sharing
 from webapp.store.accounts import accounts, sign_in
 from webapp.store.schema import Account
 from webapp.web import errors
-from webapp.web.accounts import sessions
+from webapp.web.accounts import codes, sessions, ways
 from webapp.web.context import account, library, public, settings
 from webapp.web.language import LANGUAGES
 from webapp.web.pages import back, own_path, page, text
@@ -51,6 +51,7 @@ def set_password() -> Response | tuple[str, int]:
     """Set or change the password, and sign the account out everywhere else."""
     me = account()
     try:
+        ways.check_passwords()
         if me.password_hash is not None:
             sign_in.by_password(
                 library().database,
@@ -139,7 +140,7 @@ def _page(error: ExpMapError | None = None, *, token: str | None = None) -> str:
         tokens=tokens,
         browsers=[(row, sessions.is_this_browser(row)) for row in browsers],
         minimum=settings().web.min_password,
-        more=parts().account_pages,
+        more=[page for page in parts().account_pages if page.is_offered()],
     )
 
 
@@ -161,6 +162,7 @@ def show_people() -> str:
 def add() -> str | tuple[str, int]:
     """Make an account, and a link to sign in to it."""
     try:
+        ways.check_new_links()
         with library().database.write() as db:
             person = accounts.create(db, text("name"))
             token = sign_in.new_link(db, person, hours=settings().web.link_hours)
@@ -172,6 +174,7 @@ def add() -> str | tuple[str, int]:
 @people_pages.post("/<id:account_id>/link")
 def new_link(account_id: int) -> str:
     """Make another sign-in link, for a user who can no longer sign in."""
+    ways.check_new_links()
     with library().database.write() as db:
         person = _person(db.get(Account, account_id))
         token = sign_in.new_link(db, person, hours=settings().web.link_hours)
@@ -239,6 +242,7 @@ def by_password() -> Response | tuple[str, int, dict[str, str]]:
     """Sign in by name and password."""
     there = own_path(text("next"))
     try:
+        ways.check_passwords()
         account = sign_in.by_password(
             library().database,
             text("name"),
@@ -246,11 +250,13 @@ def by_password() -> Response | tuple[str, int, dict[str, str]]:
             address=request.remote_addr or "unknown",
             limits=settings().web,
         )
-    except (NotSignedIn, TooMany) as error:
+    except (NotAllowed, NotSignedIn, TooMany) as error:
         page = render_template("accounts/sign_in.html", next=there, name=text("name"), error=error)
         return page, errors.status_of(error), errors.extra_headers(error)
+    if (asked := codes.ask_for_code(account, then=there)) is not None:
+        return asked
     sessions.sign_in(account)
-    return _without_cache(redirect(there, code=303) if there else back("map_pages.index"))
+    return without_cache(redirect(there, code=303) if there else back("map_pages.index"))
 
 
 @sign_in_pages.get("/sign-in/<token>")
@@ -260,8 +266,9 @@ def link(token: str) -> Response | tuple[str, int]:
     try:
         with library().database.read() as session:
             account = sign_in.link_account(session, token)
-    except NotSignedIn as error:  # a used link is no error for a user who is signed in
-        return _refused(error) if sessions.signed_in() is None else back("map_pages.index")
+        ways.check_link(account)
+    except (NotAllowed, NotSignedIn) as error:  # a used link is no error for a user who is signed in
+        return refused(error) if sessions.signed_in() is None else back("map_pages.index")
     return render_template("accounts/sign_in_link.html", whose=account, token=token), 200
 
 
@@ -272,28 +279,38 @@ def by_link(token: str) -> Response | tuple[str, int]:
     try:
         with library().database.write() as session:
             account = sign_in.redeem_link(session, token)
-    except NotSignedIn as error:
-        return _refused(error)
+            ways.check_link(account)
+    except (NotAllowed, NotSignedIn) as error:
+        return refused(error)
     sessions.sign_in(account)
     _suggest_a_password(account)
-    return _without_cache(back("map_pages.index"))
+    return without_cache(back("map_pages.index"))
 
 
 @sign_in_pages.post("/sign-out")
 @public
 def out() -> Response:
-    """End the session of this browser."""
+    """End the session of this browser, and that of the provider where it began."""
+    elsewhere = ways.leave()
     sessions.sign_out()
-    return _without_cache(back("sign_in.form"))
+    if elsewhere is not None:
+        return without_cache(leading_to(elsewhere, _("You are signed out here.")))
+    return without_cache(back("sign_in.form"))
 
 
-def _without_cache(response: Response) -> Response:
+def leading_to(address: str, message: str) -> Response:
+    """Make a page that goes on to another site: a redirect would count as a form sent there."""
+    return make_response(render_template("accounts/leading.html", address=address, message=message))
+
+
+def without_cache(response: Response) -> Response:
     """Have the browser drop its cache: pictures stay for a year, and are not for the next account."""
     response.headers["Clear-Site-Data"] = '"cache"'
     return response
 
 
-def _refused(error: NotSignedIn) -> tuple[str, int]:
+def refused(error: ExpMapError) -> tuple[str, int]:
+    """Make the sign-in page with an error."""
     return render_template("accounts/sign_in.html", error=error), errors.status_of(error)
 
 

@@ -143,5 +143,10 @@ def _note_use(session_id: str) -> None:
         _log.info("the use of a session was not noted: %s", error)
 
 
+def session_hash() -> str | None:
+    """Return the hash of the id of this browser's session, as records have it."""
+    return accounts.hashed(session[_ID]) if _ID in session else None
+
+
 def is_this_browser(row: SignedIn) -> bool:
     return _ID in session and ways_in.is_device_of(row, session[_ID])
