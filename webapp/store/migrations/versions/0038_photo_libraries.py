@@ -6,7 +6,7 @@ from alembic import op
 from webapp.store.clock import UtcDateTime
 
 revision = "0038"
-down_revision = "0035"
+down_revision = "0037"
 
 
 def upgrade() -> None:

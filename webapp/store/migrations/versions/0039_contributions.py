@@ -5,8 +5,8 @@ from alembic import op
 
 from webapp.store.clock import UtcDateTime
 
-revision = "0040"
-down_revision = "0035"
+revision = "0039"
+down_revision = "0038"
 
 
 def upgrade() -> None:
