@@ -33,7 +33,7 @@ _MOST_TELEMETRY = 100_000_000
 """Bytes of the telemetry of a clip."""
 
 
-class Frame(NamedTuple):
+class VideoFrame(NamedTuple):
     """A frame, upright: pixels (h, w, 3) uint8 in the order of OpenCV, and seconds since the clip's begin."""
 
     pixels: NDArray[np.uint8]
@@ -51,7 +51,7 @@ class Clip:
     _container: Any
     _stream: Any
 
-    def frames(self, *, per_second: float) -> Iterator[Frame]:
+    def frames(self, *, per_second: float) -> Iterator[VideoFrame]:
         """Decode frames, at most so many a second.
 
         Raises:
@@ -69,7 +69,7 @@ class Clip:
                 if at_s - last < 1.0 / per_second - 1e-3:
                     continue
                 last = at_s
-                yield Frame(_upright(frame), at_s)
+                yield VideoFrame(_upright(frame), at_s)
         except av.error.FFmpegError as error:
             raise PhotoError(f"the video is damaged: {error.strerror}", hint="copy it again") from error
 

@@ -15,7 +15,7 @@ from webapp.files.exchange.gpx import SUFFIX as GPX
 from webapp.files.exchange.gpx import parse_gpx
 from webapp.files.photos.exif_write import CameraTags, write_view
 from webapp.files.text_file import read_bytes
-from webapp.files.video.clip import Clip, Frame, open_clip
+from webapp.files.video.clip import Clip, VideoFrame, open_clip
 from webapp.files.video.subtitles import read_subtitles
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
@@ -62,7 +62,7 @@ class _Recorded:
     place: LatLon | None
     begins: datetime | None
 
-    def tags(self, frame: Frame, *, fov_deg: float | None) -> CameraTags:
+    def tags(self, frame: VideoFrame, *, fov_deg: float | None) -> CameraTags:
         taken_at = None if self.begins is None else self.begins + timedelta(seconds=round(frame.at_s, 3))
         focal = None if fov_deg is None else _focal_35mm(frame, fov_deg)
         return CameraTags(taken_at, focal, self._position(frame.at_s))
@@ -89,11 +89,11 @@ def cut_video(
     with open_clip(path, limits=limits) as clip:
         recorded = _recorded(clip, path, options)
         progress.size(max(1, math.ceil(clip.seconds or 1.0)))
-        chooser: KeyframeChooser[Frame] = KeyframeChooser(spread=options.spread)
+        chooser: KeyframeChooser[VideoFrame] = KeyframeChooser(spread=options.spread)
         photos: list[str] = []
         placed, done, notes = 0, 0, list[str]()
 
-        def keep(frame: Frame | None) -> None:
+        def keep(frame: VideoFrame | None) -> None:
             nonlocal placed
             if frame is None:
                 return
@@ -166,7 +166,7 @@ def _plain(stem: str) -> str:
     return "".join(f"[{letter}]" if letter in "*?[" else letter for letter in stem)
 
 
-def _focal_35mm(frame: Frame, fov_deg: float) -> int:
+def _focal_35mm(frame: VideoFrame, fov_deg: float) -> int:
     height, width = frame.pixels.shape[:2]
     focal_px: float = width / 2.0 / math.tan(math.radians(fov_deg) / 2.0)
     focal = float(focal_px / math.hypot(width, height) * _DIAGONAL_35MM)
