@@ -131,14 +131,15 @@ def load_settings(environ: Mapping[str, str] | None = None) -> Settings:
     return Settings(**values[""], **sections)
 
 
-def rename_old_variables(environ: MutableMapping[str, str]) -> list[str]:
+def rename_old_variables(environ: MutableMapping[str, str] | None = None) -> list[str]:
     """Give deprecated variables their present names, also for processes started later; say so of each."""
+    env = os.environ if environ is None else environ
     messages = []
     for old, key in _OLD_NAMES.items():
-        text = environ.pop(old, "")
+        text = env.pop(old, "")
         if text:
             new = _variable(key)
-            environ[new] = environ.get(new) or text
+            env[new] = env.get(new) or text
             messages.append(f"{old} is deprecated, and a later version will not read it: set {new} instead")
     return messages
 

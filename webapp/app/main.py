@@ -349,7 +349,7 @@ root = LazyGroup(
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command and exit with its code; an error is one line on standard error."""
     restrain_threads()
-    for message in rename_old_variables(os.environ):
+    for message in rename_old_variables():
         click.echo(f"expmap: {message}", err=True)
     try:
         code = root.main(args=arguments, prog_name="expmap", standalone_mode=False, obj=COMPOSITION)
