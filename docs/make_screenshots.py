@@ -489,9 +489,9 @@ def link_album(page: Page, app: App) -> None:
     server = made([shot(file.stem, file=file.read_bytes()) for file in files])
     server.albums = {next(iter(server.albums)): "Autumn in the park"}
     with serving(server):
-        page.get_by_label("Address").fill(server.url)
-        page.get_by_label("API key").fill(server.key)
-        page.get_by_role("button", name="Connect").click()
+        page.locator("#address").fill(server.url)
+        page.locator("#key").fill(server.key)
+        page.get_by_role("button", name="Connect", exact=True).click()
         page.get_by_test_id("link-album").locator("#map").select_option("sample")
         page.get_by_role("button", name="Add its photos").click()
         while page.get_by_text(f"{len(files)} photos").count() == 0:
@@ -501,9 +501,9 @@ def link_album(page: Page, app: App) -> None:
 
 def choose_export(page: Page) -> None:
     """Choose a table and the photos of a form."""
-    for label, name in (("Export", "survey.csv"), ("Zip with the photos", "media.zip")):
+    for field, name in (("#file", "survey.csv"), ("#media", "media.zip")):
         chosen: Any = {"name": name, "mimeType": "application/octet-stream", "buffer": b"-"}
-        page.get_by_label(label).first.set_input_files(chosen)
+        page.locator(field).set_input_files(chosen)
 
 
 def settle(page: Page) -> None:

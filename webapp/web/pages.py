@@ -48,6 +48,7 @@ ACCEPTED: Mapping[str, str] = {
     "world_files": _field(*map(worldfile_suffixes, _IMAGE_SUFFIXES), ["text/plain"]),
     "corners": _field([CORNER_SUFFIX], ["application/json"]),
     "positions": _field(positions.SUFFIXES),
+    "field_forms": _field([map_zip.SUFFIX, ".csv", ".gpkg"]),
     "tracks_of_photos": _field([gpx.SUFFIX]),
     "map_zips": _field([map_zip.SUFFIX], ["application/zip"]),
     "models": _field([models.SUFFIX]),

@@ -22,6 +22,7 @@ def test_photos_come_in_once_with_what_the_library_says_of_them(linked, server):
     assert (one.name, one.taken_at, one.camera) == ("IMG_a.HEIC", "2026-05-01T12:30:15", "Canon EOS R6")
     said = ["a preview: the original is in the photo library", f"{server.url}/photos/a"]
     assert one.file_notes[:2] == said
+    assert linked.photos()["b"].gps_problem == "no position is known where it is from"
     assert one.path == "photos/IMG_a.jpg" and one.source is None
     assert linked.job().result["added"] == 3
     assert linked.update().result == {

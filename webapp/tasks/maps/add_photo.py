@@ -39,6 +39,7 @@ from webapp.tasks.maps.placing import image_of
 
 _OF_DRAWINGS = {"PNG", "TIFF", "GIF", "BMP"}
 _MAX_NAME = 300
+_NOT_STATED = "no position is known where it is from"
 _PLAN_NOTE = "it looks like a plan or satellite image: as the map's image, add it on the page Image"
 
 
@@ -265,6 +266,8 @@ def _state(row: Photo, stated: StatedMetadata) -> None:
     if stated.position is not None and (stated.overrides or row.gps_lat is None):
         row.gps_lat, row.gps_lon = stated.position
         row.gps_accuracy_m, row.gps_problem = stated.accuracy_m, None
+    elif stated.overrides and row.gps_lat is None:
+        row.gps_problem = _NOT_STATED
     if stated.taken_at is not None and (stated.overrides or row.taken_at is None):
         row.taken_at = stated.taken_at
     row.heading_deg = row.heading_deg if stated.heading_deg is None else stated.heading_deg
