@@ -53,6 +53,11 @@ export interface components {
         };
         AllowsIn: {
             /**
+             * @description Visitors may give photos, which wait for a decision; of a shared map only.
+             * @default false
+             */
+            contribute: boolean;
+            /**
              * @description The map in 3D: landmarks and cameras; of a shared map only.
              * @default false
              */
@@ -79,6 +84,7 @@ export interface components {
             photos: boolean;
         };
         AllowsOut: {
+            contribute?: boolean;
             landmarks?: boolean;
             localize?: boolean;
             notes?: boolean;
@@ -812,6 +818,19 @@ export interface components {
             seen: number | null;
             /** @default null */
             worldfile: string | null;
+        };
+        GiveIn: {
+            /** @description The visitor took it, and lets the owners of the map keep, show and share it. */
+            consent: boolean;
+            /** Format: binary */
+            file: string;
+        };
+        GivenOut: {
+            /** @description Whether the place where it was taken was found. */
+            found?: boolean;
+            /** @description That place on the image, if it was found. */
+            x_px?: number | null;
+            y_px?: number | null;
         };
         GpsOut: {
             accuracy_m?: number | null;
@@ -2308,6 +2327,11 @@ export interface components {
         };
         ShareIn: {
             /**
+             * @description Visitors may give photos, which wait for a decision; of a shared map only.
+             * @default false
+             */
+            contribute: boolean;
+            /**
              * @description The map in 3D: landmarks and cameras; of a shared map only.
              * @default false
              */
@@ -2349,6 +2373,7 @@ export interface components {
             shares?: components["schemas"]["ShareOut"][];
         };
         ShareOut: {
+            contribute?: boolean;
             created_at?: string;
             /** @description HTML that shows it in a page elsewhere. */
             embed?: string | null;
@@ -2591,6 +2616,92 @@ export interface components {
             placed?: boolean;
             /** @description It has no GPS, and waits with the spot as a suggestion. */
             suggested?: boolean;
+        };
+        StacCatalog: {
+            conformsTo?: string[];
+            description?: string;
+            id?: string;
+            links?: components["schemas"]["StacLink"][];
+            stac_version?: string;
+            title?: string;
+            type?: string;
+        };
+        StacCollection: {
+            description?: string;
+            /** @description Area and time span. */
+            extent?: {
+                [key: string]: unknown;
+            };
+            /** @description Name of the map in addresses. */
+            id?: string;
+            /** @description `other`: items have that of photos from services. */
+            license?: string;
+            links?: components["schemas"]["StacLink"][];
+            providers?: {
+                [key: string]: unknown;
+            }[];
+            stac_extensions?: string[];
+            stac_version?: string;
+            title?: string;
+            type?: string;
+        };
+        StacCollections: {
+            collections?: components["schemas"]["StacCollection"][];
+            links?: components["schemas"]["StacLink"][];
+        };
+        StacConformance: {
+            conformsTo?: string[];
+        };
+        StacItem: {
+            /** @description `thumb`, `sd`, and `hd` if no part of it is blurred. */
+            assets?: {
+                [key: string]: unknown;
+            };
+            bbox?: number[];
+            collection?: string;
+            /** @description Where it was taken. */
+            geometry?: {
+                [key: string]: unknown;
+            } | null;
+            /** @description Name of the map and number of the photo. */
+            id?: string;
+            links?: components["schemas"]["StacLink"][];
+            /** @description `datetime`, or null with `start_datetime` and `end_datetime`; `view:azimuth`, `pers:interior_orientation`, `quality:horizontal_accuracy` and so on, if they are known. */
+            properties?: {
+                [key: string]: unknown;
+            };
+            stac_extensions?: string[];
+            stac_version?: string;
+            type?: string;
+        };
+        StacItems: {
+            features?: components["schemas"]["StacItem"][];
+            links?: components["schemas"]["StacLink"][];
+            /** @description Of a search, only if all are in the answer. */
+            numberMatched?: number;
+            numberReturned?: number;
+            timeStamp?: string;
+            type?: string;
+        };
+        StacLink: {
+            body?: {
+                [key: string]: unknown;
+            };
+            href?: string;
+            method?: string;
+            rel?: string;
+            title?: string;
+            type?: string;
+        };
+        StacSearch: {
+            after?: string;
+            bbox?: number[];
+            collections?: string[];
+            datetime?: string;
+            ids?: string[];
+            /** @description A GeoJSON geometry. */
+            intersects?: Record<string, never>;
+            limit?: number;
         };
         StagedFileIn: {
             name: string;
@@ -2970,6 +3081,26 @@ export interface components {
         VisitIn: {
             /** Format: binary */
             file: string;
+        };
+        WaitingList: {
+            photos?: components["schemas"]["WaitingOut"][];
+            /** @description Number of all; at most 100 are listed. */
+            waiting?: number;
+        };
+        WaitingOut: {
+            heading_deg?: number | null;
+            height?: number;
+            /** @description Of the photo on the map: removing it refuses it. */
+            id?: number;
+            name?: string;
+            preview?: string;
+            probability?: number | null;
+            radius_px?: number | null;
+            sent_at?: string;
+            thumb?: string;
+            width?: number;
+            x_px?: number | null;
+            y_px?: number | null;
         };
         WhereOut: {
             features?: string;
