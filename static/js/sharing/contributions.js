@@ -39,7 +39,7 @@ function card(photo) {
       h("a", { class: "button button--quiet", href: `${base}/edit?photo=${photo.id}` }, icon("pencil"), t("In the editor"))));
 }
 
-/** The image of the map with the suggested place. */
+/** The image of the map with the suggested place. @param {Api["WaitingOut"]} photo */
 function spot({ x_px: x, y_px: y }) {
   const { width, height, url } = page.satellite;
   const dot = h("span", { class: "co-dot" });

@@ -155,17 +155,19 @@ class _Tiff:
     """Tiles of a cloud-optimised GeoTIFF in any coordinate system, from its overviews where they suffice."""
 
     def __init__(self, dataset: Any, reported: _Reported) -> None:
-        from rasterio.vrt import WarpedVRT
+        with extra("geotiff"):
+            from rasterio.vrt import WarpedVRT
 
         self._dataset, self._reported = dataset, reported
         with WarpedVRT(dataset, crs=_PLANE) as whole:
             self._pixel_m = whole.transform.a
 
     def tile(self, zoom: int, x: int, y: int) -> bytes | None:
-        from rasterio import Affine
-        from rasterio.enums import ColorInterp, Resampling
-        from rasterio.errors import RasterioError
-        from rasterio.vrt import WarpedVRT
+        with extra("geotiff"):
+            from rasterio import Affine
+            from rasterio.enums import ColorInterp, Resampling
+            from rasterio.errors import RasterioError
+            from rasterio.vrt import WarpedVRT
 
         west, south, east, north = tile_metres(Tile(x, y), zoom)
         # at the image's own resolution: only then does GDAL use its overviews for a coarser tile
