@@ -47,9 +47,12 @@ _log = logging.getLogger(__name__)
 
 @pages.record_once
 def _set_up(state: BlueprintSetupState) -> None:
-    """Check the settings when the program starts, and keep what all requests share."""
+    """Keep what all requests share. Wrong settings are no reason not to serve others: robots, visitors."""
     own = state.app.extensions[KEY].settings.oidc
-    check_settings(own)
+    try:
+        check_settings(own)
+    except UsageError as error:
+        _log.error("nobody can sign in at the provider: %s", error)
     state.app.extensions[_PROVIDER] = Provider(own)
 
 
@@ -173,6 +176,7 @@ def _begin(*, then: str | None, link: int | None) -> str:
     """Begin a sign-in; returns the address of the provider where it goes on."""
     if not is_set_up(settings().oidc):
         raise NotAllowed("this server has no OpenID Connect provider", hint="sign in by name and password")
+    check_settings(settings().oidc)
     attempt = Attempt(*(secrets.token_urlsafe(32) for _part in Attempt.__slots__))
     address = _provider().authorization(attempt, redirect=_redirect())
     session[_COOKIE] = {
@@ -314,7 +318,7 @@ PARTS = Parts(
             label=_label,
             is_first=True,
             is_offered=lambda: is_set_up(settings().oidc),
-            is_required=lambda: settings().oidc.required == "yes",
+            is_required=lambda: settings().oidc.required != "no",
             leave=_leave,
         ),
     ),
