@@ -32,6 +32,8 @@ def other(setting):
     """Return a value that is not the default, as text and parsed."""
     if setting.kind in (int, float):
         return str(setting.default * 2 + 1), setting.default * 2 + 1
+    if setting.choices is not None:
+        return setting.choices.values[-1], setting.choices.values[-1]
     return "/else", setting.kind("/else")
 
 

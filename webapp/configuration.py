@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from webapp.errors import UsageError
-from webapp.settings import AtLeast, Settings
+from webapp.settings import AtLeast, OneOf, Settings
 
 CONFIG = "EXPMAP_CONFIG"
 """Environment variable with the path of the settings file."""
@@ -43,6 +43,7 @@ class Setting:
     kind: Callable[[Any], Any]  # int, float, str or Path
     default: Any
     minimum: AtLeast | None  # Minimum of a number; None if it only has to be more than 0
+    choices: OneOf | None = None  # Of a text; None if it can be any
 
     @property
     def variables(self) -> tuple[str, ...]:
@@ -53,6 +54,8 @@ class Setting:
     @property
     def allowed(self) -> str:
         """Description of the allowed values."""
+        if self.choices is not None:
+            return f"one of {', '.join(self.choices.values)}"
         if self.kind in (str, Path):
             return "a string" if self.kind is str else "a path"
         number = "a whole number" if self.kind is int else "a number"
@@ -74,7 +77,8 @@ class Setting:
 
     def _takes(self, value: object) -> bool:
         if self.kind in (str, Path):
-            return isinstance(value, str) and bool(value)
+            known = self.choices is None or value in self.choices.values
+            return isinstance(value, str) and bool(value) and known
         if isinstance(value, bool) or not isinstance(value, int if self.kind is int else int | float):
             return False
         return (value >= self.minimum.value if self.minimum else value > 0) and value < _INFINITE
@@ -162,11 +166,13 @@ def _settings_of(group: object, prefix: str) -> Iterator[Setting]:
         if is_dataclass(value):
             yield from _settings_of(value, f"{field.name}.")
             continue
-        hint, minimum = hints[field.name], None
+        hint, rule = hints[field.name], None
         if get_origin(hint) is Annotated:
-            hint, minimum = get_args(hint)
+            hint, rule = get_args(hint)
         kind = next((part for part in get_args(hint) if part is not type(None)), hint)
-        yield Setting(f"{prefix}{field.name}", kind, value, minimum)
+        minimum = rule if isinstance(rule, AtLeast) else None
+        choices = rule if isinstance(rule, OneOf) else None
+        yield Setting(f"{prefix}{field.name}", kind, value, minimum, choices)
 
 
 def _check_variables(env: Mapping[str, str], table: Mapping[str, Setting]) -> None:

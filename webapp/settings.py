@@ -22,6 +22,13 @@ class AtLeast:
 
 
 @dataclass(frozen=True, slots=True)
+class OneOf:
+    """The values that a text setting can have."""
+
+    values: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class PhotoLimits:
     """Limits of a photo; larger ones are rejected."""
 
@@ -437,13 +444,13 @@ class OidcSettings:
     groups_claim: str = "groups"
     """Claim with the groups of a person."""
 
-    accounts: str = "linked"
+    accounts: Annotated[str, OneOf(("linked", "groups", "everybody"))] = "linked"
     """Who gets in: `linked` identities, those in listed `groups`, or `everybody` at the provider."""
 
-    match_email: str = "no"
+    match_email: Annotated[str, OneOf(("no", "verified"))] = "no"
     """`verified`: a new identity gets the account with the same confirmed e-mail address."""
 
-    required: str = "no"
+    required: Annotated[str, OneOf(("no", "yes"))] = "no"
     """`yes`: no sign-in by passwords, and by links from the command line only."""
 
     timeout_s: float = 10.0

@@ -10,6 +10,7 @@ from sqlalchemy import select
 
 from tests.connect.oidc.conftest import enter, path_of, there
 from tests.connect.oidc.provider import CLIENT, key, number_text
+from webapp.configuration import load_settings
 from webapp.connect.oidc.provider import Provider, check_settings
 from webapp.errors import UsageError
 from webapp.store.accounts import accounts, sign_in
@@ -89,11 +90,11 @@ def test_a_changed_answer_is_refused(app, changed, message):
     assert not is_in(browser)
 
 
-def test_an_attempt_ends_after_a_quarter_of_an_hour(app):
+def test_an_attempt_ends_after_a_quarter_of_an_hour(app, monkeypatch):
     browser = app.test_client()
     back = there(browser.get("/oidc/start").headers["Location"])
-    with browser.session_transaction() as session:
-        session["oidc"] = {**session["oidc"], "at": int(time.time()) - 901}
+    begun = time.time()
+    monkeypatch.setattr("webapp.connect.oidc.pages.time.time", lambda: begun + 902)
     assert "has taken too long" in browser.get(back).text
 
 
@@ -312,9 +313,6 @@ def test_an_address_that_changed_hands_does_not_open_the_account(app_with, provi
 @pytest.mark.parametrize(
     ("changed", "where"),
     [
-        ({"required": "true"}, "oidc.required"),
-        ({"accounts": "all"}, "oidc.accounts"),
-        ({"match_email": "yes"}, "oidc.match_email"),
         ({"issuer": "http://id.example.org"}, "oidc.issuer"),
         ({"issuer": "https://me:pw@id.example.org"}, "oidc.issuer"),
         ({"client_id": None}, "oidc.client_id"),
@@ -328,9 +326,19 @@ def test_settings_that_cannot_work_are_refused(settings, changed, where):
     assert refused.value.where == where and refused.value.hint
 
 
-def test_they_are_checked_when_the_program_starts(app_with):
-    with pytest.raises(UsageError, match="is not allowed"):
-        app_with(required="true")
+def test_wrong_ones_are_in_the_log_and_on_the_page_and_others_are_served(app_with, caplog):
+    app = app_with(client_id=None, required="yes")
+    assert "nobody can sign in at the provider: oidc.client_id: this is missing" in caplog.text
+    answer = app.test_client().get("/oidc/start")
+    assert (answer.status_code, error_of(answer)) == (400, "This is missing")
+    assert 'name="password"' not in answer.text
+
+
+def test_choices_are_checked_when_settings_are_read():
+    for name, value in [("REQUIRED", "true"), ("ACCOUNTS", "all"), ("MATCH_EMAIL", "yes")]:
+        with pytest.raises(UsageError, match="is not allowed") as refused:
+            load_settings({f"EXPMAP_OIDC_{name}": value})
+        assert refused.value.hint.startswith("write one of ")
 
 
 def test_without_a_provider_nothing_is_offered(app_with, owner, sign_in):

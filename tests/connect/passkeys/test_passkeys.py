@@ -199,6 +199,7 @@ def test_the_command_lists_and_removes(client, library, owner, database_url, mon
     assert run() == ""
 
 
+@pytest.mark.slow
 def test_a_browser_registers_a_passkey_and_signs_in(app, library, owner):
     """With the virtual authenticator of Chromium."""
     remember_templates(app)

@@ -8,10 +8,20 @@ import secrets
 import time
 from typing import Any, cast
 
-from flask import Blueprint, current_app, flash, redirect, render_template, request, session, url_for
+from flask import (
+    Blueprint,
+    after_this_request,
+    current_app,
+    flash,
+    redirect,
+    render_template,
+    request,
+    url_for,
+)
 from flask.blueprints import BlueprintSetupState
 from flask_babel import gettext as _
 from flask_babel import lazy_gettext
+from itsdangerous import BadSignature, URLSafeSerializer
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 from werkzeug.wrappers import Response
@@ -31,7 +41,9 @@ from webapp.web.state import KEY, AccountPage, Parts, SignInWay
 pages = Blueprint("oidc", __name__)
 
 _PROVIDER = "expmap_oidc"
-_COOKIE = "oidc"
+_COOKIE, _PATH = "expmap-oidc", "/oidc"
+"""Not the session: the answer to another request of the same browser could put an older one back."""
+
 _PATIENCE_S = 900
 """How long somebody may take at the provider."""
 
@@ -47,9 +59,12 @@ _log = logging.getLogger(__name__)
 
 @pages.record_once
 def _set_up(state: BlueprintSetupState) -> None:
-    """Check the settings when the program starts, and keep what all requests share."""
+    """Keep what all requests share. Wrong settings are no reason not to serve others: robots, visitors."""
     own = state.app.extensions[KEY].settings.oidc
-    check_settings(own)
+    try:
+        check_settings(own)
+    except UsageError as error:
+        _log.error("nobody can sign in at the provider: %s", error)
     state.app.extensions[_PROVIDER] = Provider(own)
 
 
@@ -77,9 +92,10 @@ def link_own() -> Response | tuple[str, int]:
 @public
 def callback() -> Response | tuple[str, int]:
     """Come back from the provider."""
-    kept = session.pop(_COOKIE, None)
+    kept = _kept_attempt()
     try:
         code, attempt = _code(kept)
+        assert kept is not None  # `_code` refuses that
         person, id_token = _provider().person(code, attempt, redirect=_redirect())
         if kept["link"] is not None:
             return _linked(person, whose=kept["link"])
@@ -173,15 +189,50 @@ def _begin(*, then: str | None, link: int | None) -> str:
     """Begin a sign-in; returns the address of the provider where it goes on."""
     if not is_set_up(settings().oidc):
         raise NotAllowed("this server has no OpenID Connect provider", hint="sign in by name and password")
+    check_settings(settings().oidc)
     attempt = Attempt(*(secrets.token_urlsafe(32) for _part in Attempt.__slots__))
     address = _provider().authorization(attempt, redirect=_redirect())
-    session[_COOKIE] = {
+    kept = {
         "attempt": [attempt.state, attempt.nonce, attempt.verifier],
         "next": then,
         "link": link,
         "at": int(time.time()),
     }
+    value = _signer().dumps(kept)
+
+    @after_this_request
+    def keep(response: Response) -> Response:
+        response.set_cookie(
+            _COOKIE,
+            value,
+            max_age=_PATIENCE_S,
+            path=_PATH,
+            secure=request.is_secure,
+            httponly=True,
+            samesite="Lax",
+        )
+        return response
+
     return address
+
+
+def _signer() -> URLSafeSerializer:
+    return URLSafeSerializer(current_app.secret_key or "", salt="oidc attempt")
+
+
+def _kept_attempt() -> dict[str, Any] | None:
+    """Return what `_begin` has kept in the browser, and have it forgotten; None if there is nothing."""
+
+    @after_this_request
+    def forget(response: Response) -> Response:
+        response.delete_cookie(_COOKIE, path=_PATH)
+        return response
+
+    try:
+        found: dict[str, Any] = _signer().loads(request.cookies.get(_COOKIE, ""))
+    except BadSignature:
+        return None
+    return found
 
 
 def _code(kept: dict[str, Any] | None) -> tuple[str, Attempt]:
@@ -314,7 +365,7 @@ PARTS = Parts(
             label=_label,
             is_first=True,
             is_offered=lambda: is_set_up(settings().oidc),
-            is_required=lambda: settings().oidc.required == "yes",
+            is_required=lambda: settings().oidc.required != "no",
             leave=_leave,
         ),
     ),
