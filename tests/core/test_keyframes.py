@@ -10,7 +10,7 @@ from webapp.core.keyframes import KeyframeChooser, small_gray
 def chosen(positions, *, blurred=(), spread=0.25, fps=6.0):
     chooser = KeyframeChooser(spread=spread)
     frames = pan(positions, blurred=blurred)
-    found = [chooser.offer(n, small_gray(frame), n / fps) for n, frame in enumerate(frames)]
+    found = [chooser.offer(n, small_gray(frame), at_s=n / fps) for n, frame in enumerate(frames)]
     return [n for n in [*found, chooser.finish()] if n is not None]
 
 
@@ -39,7 +39,7 @@ def test_a_cut_to_another_view_is_noticed():
 def test_a_view_without_corners_gives_a_photo_now_and_then():
     chooser = KeyframeChooser(spread=0.25)
     flat = np.full((240, 320), 90, np.uint8)
-    found = [chooser.offer(n, flat, n / 6.0) for n in range(60)]
+    found = [chooser.offer(n, flat, at_s=n / 6.0) for n in range(60)]
     assert 3 <= sum(n is not None for n in found) <= 6
 
 

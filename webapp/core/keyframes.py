@@ -61,7 +61,7 @@ class KeyframeChooser(Generic[T]):
         self._sharp, self._followed_s = 0.0, -math.inf  # Of the last frame that was followed
         self._count = 0  # Corners of the last chosen frame
 
-    def offer(self, frame: T, gray: Gray, at_s: float) -> T | None:
+    def offer(self, frame: T, gray: Gray, *, at_s: float) -> T | None:
         """Take the next frame, with its gray picture of `SMALL_PX` width; return one that is chosen now."""
         if self._before is None:
             self._follow_from(gray)

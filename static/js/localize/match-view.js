@@ -83,7 +83,7 @@ function shown([x, y], { width, height }, place) {
 
 /** A line with a ring at both ends, as a part of a path. @param {number[]} from @param {number[]} to */
 function line(from, to) {
-  const point = ([x, y]) => `${x.toFixed(1)} ${y.toFixed(1)}`;
-  const ring = ([x, y]) => `M${point([x - RING, y])}a${RING} ${RING} 0 1 0 ${2 * RING} 0a${RING} ${RING} 0 1 0 ${-2 * RING} 0`;
+  const point = (/** @type {number[]} */ [x, y]) => `${x.toFixed(1)} ${y.toFixed(1)}`;
+  const ring = (/** @type {number[]} */ [x, y]) => `M${point([x - RING, y])}a${RING} ${RING} 0 1 0 ${2 * RING} 0a${RING} ${RING} 0 1 0 ${-2 * RING} 0`;
   return `M${point(from)}L${point(to)}${ring(from)}${ring(to)}`;
 }

@@ -57,8 +57,8 @@ class Clip:
         Raises:
             PhotoError: The video is damaged; the frames before were yielded.
         """
-        import av
-
+        with extra("video"):
+            import av
         begin, last = None, -math.inf
         try:
             for frame in self._container.decode(self._stream):

@@ -106,7 +106,7 @@ def cut_video(
         try:
             for frame in clip.frames(per_second=_PER_SECOND):
                 progress.check()
-                keep(chooser.offer(frame, small_gray(frame.pixels), frame.at_s))
+                keep(chooser.offer(frame, small_gray(frame.pixels), at_s=frame.at_s))
                 if len(photos) >= options.most:
                     notes.append(
                         f"{options.most} photos were made of its first {frame.at_s:.0f} seconds; "
