@@ -67,10 +67,11 @@ export class VirtualGrid {
     this._wasStrip = this.strip;
   }
 
-  /** @param {number[]} ids in their order */
-  show(ids) {
+  /** @param {number[]} ids in their order @param {?number} [reveal] id of a tile to scroll into view */
+  show(ids, reveal = null) {
     this.ids = ids;
     this._measure();
+    this._scrollTo(ids.indexOf(reveal));
     this._render();
   }
 
@@ -78,11 +79,18 @@ export class VirtualGrid {
   reveal(id) {
     const at = this.ids.indexOf(id);
     if (at < 0) return null;
-    const [x, y] = this._corner(at);
-    this._scroll("scrollLeft", x - EDGE, x + this.layout.step[0], this.box.clientWidth, this.strip);
-    this._scroll("scrollTop", y - EDGE, y + this.layout.step[1], this.box.clientHeight, !this.strip);
-    this._render();
+    if (this._scrollTo(at) || !this.tiles.has(id)) this._render();
     return this.tiles.get(id) || null;
+  }
+
+  /** Scroll a tile into view; return whether the view moved. @param {number} at its number, or -1 for none */
+  _scrollTo(at) {
+    if (at < 0) return false;
+    const [x, y] = this._corner(at);
+    const { scrollLeft, scrollTop, clientWidth, clientHeight } = this.box;
+    this._scroll("scrollLeft", x - EDGE, x + this.layout.step[0], clientWidth, this.strip);
+    this._scroll("scrollTop", y - EDGE, y + this.layout.step[1], clientHeight, !this.strip);
+    return this.box.scrollLeft !== scrollLeft || this.box.scrollTop !== scrollTop;
   }
 
   get strip() {

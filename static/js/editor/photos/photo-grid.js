@@ -24,27 +24,38 @@ export class PhotoGrid {
     this._listen();
     this.store.on("photos placement selection", afterPaint(() => this.render()));
     this.store.on("current", afterPaint(() => this._showCurrent()));
-    order.addEventListener("change", () => {
+    const reorder = afterPaint(() => {
       this.box.scrollTo(0, 0);
-      this.render();
+      this.render({ reveal: this.store.currentId });
       this._showCurrent();
     });
+    order.addEventListener("change", () => {
+      this._press();
+      reorder();
+    });
+    this._press();
     this.render();
     this._showCurrent();
   }
 
-  render() {
+  /** @param {{reveal?: ?number}} [options] `reveal`: id of a photo to scroll to, if it is shown */
+  render({ reveal = null } = {}) {
     const { store } = this;
     const unplaced = store.unplaced().length;
     const counts = { all: store.order.length, placed: store.order.length - unplaced, unplaced };
-    for (const button of queryAll("[data-filter]", HTMLButtonElement, byId("tray-filter"))) {
-      const { filter } = button.dataset;
-      button.setAttribute("aria-pressed", String(filter === this.order.place));
-      button.querySelector("[data-count]").textContent = String(counts[filter]);
-    }
-    this.grid.show(this.order.shown());
+    for (const button of this._filters) button.querySelector("[data-count]").textContent = String(counts[button.dataset.filter]);
+    this.grid.show(this.order.shown(), reveal);
     this._empty(counts);
     this._withoutGps();
+  }
+
+  get _filters() {
+    return queryAll("[data-filter]", HTMLButtonElement, byId("tray-filter"));
+  }
+
+  /** Show which filter is chosen. */
+  _press() {
+    for (const button of this._filters) button.setAttribute("aria-pressed", String(button.dataset.filter === this.order.place));
   }
 
   _listen() {
