@@ -31,6 +31,7 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "floors",
         "next-photos",
         "panoramas",
+        "video",
         "street",
         "photo-libraries",
         "field-forms",
@@ -78,7 +79,17 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "fusion-method",
         "compatibility",
     ),
-    "Operating": ("install", "operating", "monitoring", "events", "cluster", "cluster-running", "s3", "dask"),
+    "Operating": (
+        "install",
+        "operating",
+        "sign-in",
+        "monitoring",
+        "events",
+        "cluster",
+        "cluster-running",
+        "s3",
+        "dask",
+    ),
 }
 """Chapters of the manual in their order, by part: names of the files in `docs/`, without extension."""
 

@@ -118,7 +118,7 @@ WITHOUT_PHOTOS = {
     "the program itself": (
         "static static_files.bundle static_files.favicon installable.manifest installable.service_worker "
         "manual_pages.index manual_pages.picture metrics.show map_pages.show map_pages.show_slash "
-        "sign_in.form sign_in.link"
+        "sign_in.form sign_in.link code_pages.form oidc.start oidc.callback passkeys.start"
     ),
 }
 

@@ -160,7 +160,7 @@ class StacSearch(Schema):
     )
     ids = BoundedList(String(validate=Length(max=230)), most=_MOST_IDS)
     collections = BoundedList(String(validate=Length(max=230)), most=_MOST_MAPS)
-    limit = Integer(validate=Range(min=1))
+    limit = Integer(validate=Range(min=1, max=10**9))  # more than the server gives is that much
     after = String(validate=Length(max=300))
 
 
