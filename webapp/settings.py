@@ -265,8 +265,8 @@ class TileSettings:
 class RemoteSettings:
     """Remote files of map tiles (PMTiles, cloud-optimised GeoTIFF), of which only parts are fetched."""
 
-    enabled: bool = False
-    """Whether tile services may be such files."""
+    enabled: Annotated[str, OneOf(("no", "yes"))] = "no"
+    """`yes`: tile services may be such files."""
 
     private_hosts: str | None = None
     """Hosts and networks that are accepted although they are not public, separated by commas."""

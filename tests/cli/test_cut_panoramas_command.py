@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from webapp.cli import panoramas
+from webapp.cli import cut as command
 from webapp.tasks.maps.panoramas import CutOptions, CutPhoto
 
 
@@ -17,7 +17,7 @@ def asked(tmp_path, monkeypatch):
         found["options"] = options
         return [CutPhoto("a.jpg", ("a_000.jpg", "a_180.jpg")), CutPhoto("b.jpg", problem="it is no panorama")]
 
-    monkeypatch.setattr(panoramas, "cut", cut)
+    monkeypatch.setattr(command, "cut", cut)
     return found
 
 

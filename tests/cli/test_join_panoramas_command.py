@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from webapp.cli import panoramas
+from webapp.cli import cut as command
 from webapp.tasks.maps.panoramas import JoinedPanorama, JoinOptions
 
 
@@ -22,7 +22,7 @@ def asked(tmp_path, monkeypatch):
             JoinedPanorama("3.jpg", (), problem="no photo"),
         ]
 
-    monkeypatch.setattr(panoramas, "join", join)
+    monkeypatch.setattr(command, "join", join)
     return found
 
 

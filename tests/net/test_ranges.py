@@ -11,7 +11,7 @@ from webapp.net.ranges import BLOCK, RangeFile, trim
 from webapp.settings import RemoteSettings
 
 CONTENT = bytes(hashlib.sha256(b"x").digest()) * (BLOCK // 10)  # 3.2 blocks
-LOCAL = RemoteSettings(enabled=True, private_hosts="127.0.0.1")
+LOCAL = RemoteSettings(enabled="yes", private_hosts="127.0.0.1")
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def test_a_new_version_replaces_what_was_kept(server, opened, tmp_path):
     server.content, server.tag = CONTENT[::-1], '"2"'
     with opened() as file:  # it is asked every hour
         assert file.part(0, 9) == CONTENT[:9]
-    now = RemoteSettings(enabled=True, private_hosts="127.0.0.1", check_s=0.0)
+    now = RemoteSettings(enabled="yes", private_hosts="127.0.0.1", check_s=0.0)
     with opened(now) as file:
         assert file.part(0, file.size) == CONTENT[::-1]
     assert len([*(tmp_path / "cache").glob("*/*/")]) == 1
@@ -81,7 +81,7 @@ def test_servers_that_cannot_do_it_are_explained_without_the_address(server, ope
 
 def test_only_public_or_allowed_hosts_are_asked_also_after_redirects(server, opened, tmp_path):
     with pytest.raises(InputError, match="not a public address") as caught:
-        opened(RemoteSettings(enabled=True))
+        opened(RemoteSettings(enabled="yes"))
     assert ("remote.private_hosts" in caught.value.hint, server.asked) == (True, [])
     for target, message in (
         ("http://127.0.0.2:9/a", "not a public address"),
@@ -103,7 +103,7 @@ def test_a_server_that_leads_on_for_ever_is_left(server, opened, monkeypatch):
 
 
 def test_what_is_fetched_and_kept_has_limits(server, opened, tmp_path):
-    with opened(RemoteSettings(enabled=True, private_hosts="127.0.0.1", most_mb=0.2)) as file:
+    with opened(RemoteSettings(enabled="yes", private_hosts="127.0.0.1", most_mb=0.2)) as file:
         with pytest.raises(InputError, match="at once"):
             file.part(0, 300_000)
         file.part(BLOCK, 5)

@@ -21,7 +21,7 @@ from webapp.tasks.satellite.tile_files import opened_archive
 from webapp.tasks.satellite.tiles import TileRequest, fetch_tiles
 
 ZOOM, X, Y = 17, 71300, 44300
-LOCAL = RemoteSettings(enabled=True, private_hosts="127.0.0.0/8")
+LOCAL = RemoteSettings(enabled="yes", private_hosts="127.0.0.0/8")
 ADDRESS = f"/api/v1/tile-services/Town/tiles/{ZOOM}/{X}/{Y}"
 
 

@@ -48,7 +48,7 @@ def opened_archive(service: TileService, *, cache: Path, settings: RemoteSetting
         with opened_tiles(service.file) as archive:
             yield archive
         return
-    if not settings.enabled:
+    if settings.enabled == "no":
         raise UsageError(
             "remote files of map tiles are switched off",
             where=service.name,

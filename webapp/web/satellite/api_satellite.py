@@ -270,7 +270,7 @@ def services() -> dict[str, Any]:
     """List the available tile services, with their attributions."""
     account()
     found = tile_services(settings().tile_services)
-    usable = [one for one in found if one.remote is None or settings().remote.enabled]
+    usable = [one for one in found if one.remote is None or settings().remote.enabled == "yes"]
     return {"services": [*map(service_json, usable)]}
 
 

@@ -28,7 +28,8 @@ def offered_layers(*, to_visitors: bool = False) -> tuple[TileService, ...]:
     services = tuple(
         service
         for service in found
-        if (service.public or not to_visitors) and (service.remote is None or settings().remote.enabled)
+        if (service.public or not to_visitors)
+        and (service.remote is None or settings().remote.enabled == "yes")
     )
     allow_images(*sorted({service.origin for service in services if not service.is_own}))
     return services
