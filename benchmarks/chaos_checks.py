@@ -199,7 +199,7 @@ def upload_problems(library: Library, one: Uploader) -> list[str]:
 
 
 def longest_refusal(refusals: Refusals, outages: list[tuple[float, float]]) -> dict[str, Any]:
-    """Find the longest refusal and its request; those during outages of the database are kept apart."""
+    """Find the longest refusal and its request; those while the database is away, separately."""
     away = [(begin, end + _RECOVERY_S) for begin, end in outages]
     kinds = {"s": 0.0, "with_the_database_away_s": 0.0}
     longest = ""

@@ -27,11 +27,6 @@ from webapp.store.schema import Job, MapRecord
 __all__ = ["app", "client", "library", "new_account", "new_map", "owner", "settings", "sign_in", "stranger"]
 PAGE = "/account/forms"
 QUICK = replace(REGISTRY, kinds={**REGISTRY.kinds, "index": Kind("tests.connect.forms.test_forms:no_index")})
-GEOREFERENCE = {
-    "plane": "EPSG:4326",
-    "plane_from_pixel": [[1e-6, 0.0, 14.0], [0.0, -1e-6, 50.001], [0.0, 0.0, 1.0]],
-    "method": "corners",
-}
 CENTRAL = (
     "SubmissionDate,start,end,site-spot-Latitude,site-spot-Longitude,site-spot-Altitude,site-spot-Accuracy,"
     "site-view,site-remark,species,meta-instanceID,KEY,SubmitterID,SubmitterName,AttachmentsPresent,Status\n"
@@ -168,17 +163,6 @@ def test_positions_off_the_earth_and_damaged_cells_are_left_out(tmp_path):
     table.write_bytes("\r\n".join(["p-Latitude,p-Longitude,photo,p-Accuracy", *rows]).encode("utf-16"))
     found = read_submissions([table], folder=tmp_path, all_answers=True)
     assert [(one.name, one.position) for one in found] == [("x.jpg", None), ("y.jpg", None), ("z.jpg", None)]
-
-
-@pytest.fixture
-def park(library, owner, new_map):
-    """The slug of a georeferenced map."""
-    slug = new_map(owner)
-    with library.database.write() as session:
-        record = session.scalars(select(MapRecord)).one()
-        record.satellite_path, record.satellite_width, record.satellite_height = "s.png", 1000, 1000
-        record.georeference = GEOREFERENCE
-    return slug
 
 
 def post(browser, slug, *paths, **fields):

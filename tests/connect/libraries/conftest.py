@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 from sqlalchemy import select
 
+from tests.connect.conftest import DEG, LAT, LON
 from tests.connect.libraries.immich_server import ImmichServer, Shot, serving
 from tests.web.conftest import app, client, library, new_account, new_map, owner, sign_in, stranger
 from webapp.app.registry import REGISTRY
@@ -21,9 +22,6 @@ PAGE = "/account/libraries"
 QUICK = replace(
     REGISTRY, kinds={**REGISTRY.kinds, "index": Kind("tests.connect.libraries.conftest:no_index")}
 )
-LON, LAT, DEG = 14.0, 50.001, 1e-6
-ROWS = [[DEG, 0.0, LON], [0.0, -DEG, LAT], [0.0, 0.0, 1.0]]
-GEOREFERENCE = {"plane": "EPSG:4326", "plane_from_pixel": ROWS, "method": "corners"}
 
 
 def no_index(_context):
@@ -58,17 +56,6 @@ def shots():
 def server(shots):
     with serving(ImmichServer(shots)) as started:
         yield started
-
-
-@pytest.fixture
-def park(library, owner, new_map):
-    """The slug of a georeferenced map of 1000 by 1000 pixels."""
-    slug = new_map(owner)
-    with library.database.write() as session:
-        record = session.scalars(select(MapRecord)).one()
-        record.satellite_path, record.satellite_width, record.satellite_height = "s.png", 1000, 1000
-        record.georeference = GEOREFERENCE
-    return slug
 
 
 class Linked:
