@@ -4,6 +4,7 @@ import { colours } from "../shared/answer/answer-format.js";
 import { h, svg as element } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
 import { PhotoZoom } from "../shared/photo-zoom.js";
+import { afterPaint } from "../shared/timing.js";
 
 const GAP = 0.012;
 const SURE = 0.75;
@@ -18,7 +19,7 @@ const RING = 5;
  */
 
 /**
- * Make the picture.
+ * Make the picture; the lines come a frame after the photos.
  * @param {Pair} pair
  * @param {{all: boolean, shape: number}} options `all`: outliers, too; `shape`: width over height of the
  *   available space, which decides whether the photos are side by side or one above the other
@@ -32,7 +33,7 @@ export function matchView({ query, photo, lines }, { all, shape }) {
     const at = places[n];
     svg.append(element("image", { href: src, x: at.x, y: at.y, width: at.width, height: at.height, preserveAspectRatio: "none" }));
   }
-  svg.append(...drawnLines(query, photo, lines, { places, all }));
+  afterPaint(() => svg.append(...drawnLines(query, photo, lines, { places, all })))();
   const box = h("div", { class: "lo-pair-frame" });
   box.style.aspectRatio = `${frame.width} / ${frame.height}`;
   box.append(svg);
