@@ -151,7 +151,7 @@ def test_a_service_that_gives_nothing_is_named(turned_map, addresses, page):  # 
     EditPage(page, turned_map()).open()
     page.get_by_test_id("layers").click()
     page.get_by_test_id("layer-below").select_option(SERVICE)
-    said = re.compile(r"No tiles came from 127\.0\.0\.1:\d+ for this place\.")
+    said = re.compile(r"No map of this place came from 127\.0\.0\.1:\d+\.")
     expect(page.locator("#layers-status")).to_have_text(said)
 
 
