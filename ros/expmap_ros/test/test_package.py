@@ -13,6 +13,7 @@ from webapp import __version__
 
 PACKAGE = ROOT / "ros" / "expmap_ros"
 PAGE = (ROOT / "docs" / "ros-nodes.md").read_text("utf-8")
+GUIDE = (ROOT / "docs" / "ros.md").read_text("utf-8")
 SETUP = (PACKAGE / "setup.py").read_text("utf-8")
 NODES = ast.literal_eval(re.search(r"^NODES = (\(.*?\))", SETUP, re.M | re.S)[1])
 
@@ -65,7 +66,7 @@ def test_launch_files_start_nodes_with_parameters_they_have(path):
     root = ET.parse(path).getroot()
     given = {arg.get("name") for arg in root.iter("arg")}
     assert set(re.findall(r"\$\(var (\w+)\)", path.read_text("utf-8"))) == given
-    assert path.name in PAGE
+    assert path.name in GUIDE
     for node in root.iter("node"):
         assert node.get("pkg") == "expmap_ros" and node.get("exec") in NODES
         known = {p.name for p in importlib.import_module(f"expmap_ros.{node.get('exec')}").PARAMETERS}
