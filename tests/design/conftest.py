@@ -12,7 +12,7 @@ import click
 import pytest
 from filelock import FileLock
 
-from webapp.app.main import root as command_root
+from docs import make_commands
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -81,18 +81,7 @@ def tracked() -> list[Path]:
 @pytest.fixture(scope="session")
 def commands() -> dict[str, click.Command]:
     """All commands without groups, by their command line."""
-    return dict(_commands(command_root, "expmap"))
-
-
-def _commands(command: click.Command, words: str) -> Iterator[tuple[str, click.Command]]:
-    if not isinstance(command, click.Group):
-        yield words, command
-        return
-    context = click.Context(command)
-    for name in command.list_commands(context):
-        found = command.get_command(context, name)
-        assert found is not None
-        yield from _commands(found, f"{words} {name}")
+    return dict(make_commands.commands())
 
 
 def run(*command: object, cwd: Path) -> str:

@@ -54,7 +54,9 @@ class RangeFile:
         self._address, self._settings = address, settings
         self._cache = cache
         self._folder = cache / hashlib.sha256(address.encode()).hexdigest()[:32]
-        self._session = public_session(_USER_AGENT, allowed=settings.private_hosts)
+        self._session = public_session(
+            _USER_AGENT, allowed=settings.private_hosts, setting="remote.private_hosts"
+        )
         self._asked = 0
         self._version, self.size = self._known() or self._first()
 
@@ -160,8 +162,7 @@ class RangeFile:
                         )
                     )
                 except InputError as error:  # the host is not public
-                    hint = "the operator of the server can allow it: remote.private_hosts"
-                    raise self._error(error.message, hint=hint) from error
+                    raise self._error(error.message, hint=error.hint or "") from error
                 if answer.status_code not in _REDIRECTS or "Location" not in answer.headers:
                     yield answer
                     return

@@ -75,7 +75,7 @@ class _Table:
         self.names = [text.strip().lower() for text in self.header]
 
     def value(self, row: Sequence[str], name: str) -> str | None:
-        """Return the value of a column; None if there is no such column, or it is empty."""
+        """Return the value of a column; None if the table lacks it, or it is empty."""
         return row[self.names.index(name)].strip() or None if name in self.names else None
 
     def short_name(self, column: int) -> str:

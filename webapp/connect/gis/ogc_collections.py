@@ -19,9 +19,10 @@ from sqlalchemy.orm import Session
 from webapp.connect.gis.cql2 import Kind
 from webapp.connect.gis.layers import place_of, radius_of
 from webapp.connect.gis.ogc_query import Box, ItemQuery
+from webapp.core.geo.floors import Floor
 from webapp.core.geo.georeference import Georeference, latlon_grid
 from webapp.core.mapmodel.checks import MAX_NUMBER
-from webapp.core.mapmodel.model import WRITTEN
+from webapp.core.mapmodel.model import WRITTEN, Experience
 from webapp.core.mapmodel.notes import MapNote
 from webapp.errors import NotFound, UsageError
 from webapp.files.exchange.geojson import photo_properties, point_feature
@@ -319,23 +320,30 @@ def _filtered(candidates: Iterable[dict[str, Any]], query: ItemQuery) -> Items:
     return Items(found, None, None)
 
 
-def _photo_features(session: Session, record: MapRecord, ids: list[int]) -> Iterator[dict[str, Any]]:
-    found = georeference(record)
+def placed_photos(
+    session: Session, record: MapRecord, ids: list[int]
+) -> Iterator[tuple[Photo, Experience, Floor | None]]:
+    """Yield those photos that are placed, with their floors, in the order of the ids."""
     photos = maps.photos_by_id(session, record, ids)
-    by_gps = placed_by_gps(photos.values(), found)
+    by_gps = placed_by_gps(photos.values(), georeference(record))
     named = {floor.id: floor for floor in floors(record)}
     for id in ids:
         photo = photos.get(id)
         e = None if photo is None or photo.removed else experience_of(photo, by_gps=id in by_gps)
-        if e is None:
-            continue
+        if photo is not None and e is not None:
+            yield photo, e, named.get(e.floor)
+
+
+def _photo_features(session: Session, record: MapRecord, ids: list[int]) -> Iterator[dict[str, Any]]:
+    found = georeference(record)
+    for photo, e, floor in placed_photos(session, record, ids):
         properties = {**photo_properties(e), "name": e.name or e.photo.rpartition("/")[2]}
         properties["radius_m"] = None if found is None else radius_of(e, found)
-        properties["picture"] = url_for("api_photos.preview", slug=record.slug, id=id, _external=True)
-        if e.floor in named:
-            properties |= {"floor": named[e.floor].name, "level": named[e.floor].level}
+        properties["picture"] = url_for("api_photos.preview", slug=record.slug, id=photo.id, _external=True)
+        if floor is not None:
+            properties |= {"floor": floor.name, "level": floor.level}
         at = None if found is None else place_of(e.position, found)
-        yield json.loads(point_feature(id, at, properties=properties))
+        yield json.loads(point_feature(photo.id, at, properties=properties))
 
 
 def _notes(record: MapRecord) -> Iterator[dict[str, Any]]:

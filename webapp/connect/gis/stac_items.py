@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
 from webapp.connect.gis.layers import place_of, radius_of
-from webapp.connect.gis.ogc_collections import map_box, photo_times, wanted_photos
+from webapp.connect.gis.ogc_collections import map_box, photo_times, placed_photos, wanted_photos
 from webapp.connect.gis.ogc_query import ItemQuery
 from webapp.core.geo.georeference import Georeference
 from webapp.core.mapmodel.checks import MAX_NUMBER
@@ -25,7 +25,7 @@ from webapp.files.decode import IMAGE_FORMATS
 from webapp.files.exchange.times import unix_time, utc
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks.maps.library_map import experience_of, floors, georeference, placed_by_gps
+from webapp.tasks.maps.library_map import georeference
 from webapp.web.context import account, library, open_map, reading_map
 
 VERSION = "1.1.0"
@@ -139,22 +139,17 @@ def collection(record: MapRecord) -> dict[str, Any]:
 
 def _items(session: Session, record: MapRecord, ids: list[int]) -> Iterator[dict[str, Any]]:
     found = georeference(record)
-    photos = maps.photos_by_id(session, record, ids)
-    by_gps = placed_by_gps(photos.values(), found)
-    named = {floor.id: floor for floor in floors(record)}
-    for id in ids:
-        photo = photos.get(id)
-        e = None if photo is None or photo.removed else experience_of(photo, by_gps=id in by_gps)
-        if photo is None or e is None or found is None:
-            continue
+    if found is None:
+        return
+    for photo, e, floor in placed_photos(session, record, ids):
         properties = {**_times(photo), **_facts(photo, e, found), "geovisio:status": "ready"}
-        if e.floor in named:
-            properties |= {"expmap:floor": named[e.floor].name, "expmap:level": named[e.floor].level}
+        if floor is not None:
+            properties |= {"expmap:floor": floor.name, "expmap:level": floor.level}
         yield {
             "type": "Feature",
             "stac_version": VERSION,
             "stac_extensions": _EXTENSIONS,
-            "id": f"{record.slug}-{id}",
+            "id": f"{record.slug}-{photo.id}",
             "collection": record.slug,
             **_place(e, found),
             "properties": {name: value for name, value in properties.items() if value is not None}
