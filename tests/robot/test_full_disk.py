@@ -162,14 +162,16 @@ def port():
         yield port
 
 
-def test_a_client_killed_on_a_full_disk_continues_there(disk, port, tmp_path, until):
+@pytest.mark.parametrize("ends", ["killed", "by its error"])
+def test_a_client_that_ended_on_a_full_disk_continues_there(disk, port, tmp_path, until, ends):
     spool, file = disk.folder / "spool", tmp_path / "stored"
     words = ("walker", f"http://127.0.0.1:{port}", spool, 600)
     walker = run(*words)
     until(lambda: has_spool(spool) and read_content(spool).written > 50)
     disk.fill()
-    walker.kill()
-    walker.wait()
+    if ends == "killed":
+        walker.kill()
+    walker.wait(60)
     disk.fill()
     server = run("stand_in", port, file)
     program = (
@@ -179,7 +181,8 @@ def test_a_client_killed_on_a_full_disk_continues_there(disk, port, tmp_path, un
     )
     try:
         started = [sys.executable, "-c", program, words[1], words[2]]
-        done = subprocess.run(list(map(str, started)), capture_output=True, text=True, check=True)
+        done = subprocess.run(list(map(str, started)), capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
         written, arrived = done.stdout.split()
         assert arrived == "True" and stored(file) == list(range(int(written))) and int(written) > 50
         disk.free()

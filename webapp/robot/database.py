@@ -313,6 +313,7 @@ class FolderLock:
         self._connection = sqlite3.connect(path, timeout=0, isolation_level=None, check_same_thread=False)
         try:
             with storage_errors(path):
+                self._connection.execute("PRAGMA journal_mode = MEMORY")  # a journal file needs space
                 self._connection.execute("BEGIN EXCLUSIVE")
         except StorageError as error:
             self._connection.close()
