@@ -64,7 +64,7 @@ export class VirtualGrid {
     box.addEventListener("scroll", this.render, { passive: true });
     new ResizeObserver(() => this._resize()).observe(box);
     this._measure();
-    this._wasStrip = this.strip;
+    this._shown = this._view();
   }
 
   /** @param {number[]} ids in their order @param {?number} [reveal] id of a tile to scroll into view */
@@ -72,6 +72,7 @@ export class VirtualGrid {
     this.ids = ids;
     this._measure();
     this._scrollTo(ids.indexOf(reveal));
+    this._shown = this._view();
     this._render();
   }
 
@@ -124,13 +125,21 @@ export class VirtualGrid {
     this.space.style.setProperty("--high", `${high}px`);
   }
 
+  /** Size and shape of the box that the layout depends on. */
+  _view() {
+    const { clientWidth: width, clientHeight: height } = this.box;
+    return { width, height, strip: this.strip };
+  }
+
   /** Keep the first visible tile in view. */
   _resize() {
-    if (!this.box.clientWidth) return; // hidden
+    const [now, shown] = [this._view(), this._shown];
+    if (!now.width) return; // hidden
+    if (now.width === shown.width && now.height === shown.height && now.strip === shown.strip) return; // shown again
     const { columns, step } = this.layout;
-    const first = this._wasStrip ? Math.round(this.box.scrollLeft / step[0]) : Math.round(this.box.scrollTop / step[1]) * columns;
+    const first = shown.strip ? Math.round(this.box.scrollLeft / step[0]) : Math.round(this.box.scrollTop / step[1]) * columns;
     this._measure();
-    this._wasStrip = this.strip;
+    this._shown = now;
     const [x, y] = this._corner(Math.min(first, Math.max(this.ids.length - 1, 0)));
     this.box.scrollLeft = this.strip ? x - EDGE : 0;
     this.box.scrollTop = this.strip ? 0 : y - EDGE;
