@@ -1,7 +1,8 @@
 """Measures the cost per photo and per answer on a map, and extrapolates it to libraries of other sizes.
 
     python -m benchmarks.scale_model MAP.cfg QUERIES.csv [--queries-used N] [--photo-mb MB] [--open-maps 4]
-        [--answers 0.1,5,200] [--core 12] [--gb-memory 2] [--tb-disk 80] [--tb-objects 20] [--json OUT]
+        [--answers 0.1,5,200] [--core 12] [--gb-memory 2] [--tb-disk 80] [--tb-objects 20]
+        [--check LARGER.cfg QUERIES.csv] [--json OUT]
 
 The index is built from scratch in a temporary folder, once with compressed descriptors and once with
 signatures. Measures seconds of processor time (of all cores together), which other load on the machine
@@ -11,6 +12,9 @@ The model is linear, for maps like this one. Its assumptions are the options: me
 those of the map), maps that a process has open at once, answers per second in the busiest hour for each size
 of library, prices per month. A core is planned to be busy for 60 % of that hour. Not included: traffic,
 backups, the second look of `auto`.
+
+--check measures another map, with more photos of the same kind, and prints it beside what the model says of
+it from the first map.
 """
 
 from __future__ import annotations
@@ -83,7 +87,12 @@ def main() -> None:
     """Measure, and print both tables."""
     arguments = _arguments()
     with tempfile.TemporaryDirectory() as folder:
-        tiers = [_measure_tier(arguments, Path(folder) / tier, memory_mb=mb) for tier, mb in TIERS.items()]
+        own = arguments.map, arguments.queries
+        used = arguments.queries_used
+        tiers = [
+            _measure_tier(*own, used=used, index=Path(folder) / tier, memory_mb=mb)
+            for tier, mb in TIERS.items()
+        ]
     empty = run([sys.executable, "-c", "import webapp.api; print(0)"]).peak_rss_mb
     photos = _photos(arguments.map)
     own_mb = statistics.fmean(path.stat().st_size for path in photos) / 1e6
@@ -95,8 +104,9 @@ def main() -> None:
         for n, rate in zip(LIBRARIES, arguments.answers, strict=True)
     ]
     _print_plans(plans)
+    checked = _check(measured, arguments) if arguments.check else {}
     if arguments.json:
-        found = {"measured": asdict(measured), "plans": plans}
+        found = {"measured": asdict(measured), "plans": plans, "check": checked}
         arguments.json.write_text(json.dumps(found, indent=1) + "\n")
 
 
@@ -156,6 +166,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--gb-memory", type=float, default=2.0)
     parser.add_argument("--tb-disk", type=float, default=80.0)
     parser.add_argument("--tb-objects", type=float, default=20.0)
+    parser.add_argument("--check", type=Path, nargs=2, metavar=("LARGER.cfg", "QUERIES.csv"))
     parser.add_argument("--json", type=Path)
     return parser.parse_args()
 
@@ -174,19 +185,19 @@ def _photos(cfg: Path) -> list[Path]:
         ]
 
 
-def _measure_tier(arguments: argparse.Namespace, index: Path, *, memory_mb: str) -> Tier:
+def _measure_tier(cfg: Path, listed: Path, *, used: int, index: Path, memory_mb: str) -> Tier:
     """Build the map and localize photos, by command line."""
     os.environ["EXPMAP_RETRIEVAL_MEMORY_MB"] = memory_mb
-    with arguments.queries.open(newline="", encoding="utf-8") as file:
+    with listed.open(newline="", encoding="utf-8") as file:
         names = [line["path"] for line in csv.DictReader(file, delimiter=";")]
-    step = max(1, len(names) // arguments.queries_used)
-    queries = [str(arguments.queries.parent / name) for name in names[::step][: arguments.queries_used]]
-    expmap, where = [sys.executable, "-m", "webapp"], [str(arguments.map), "--index", str(index), "--json"]
+    step = max(1, len(names) // used)
+    queries = [str(listed.parent / name) for name in names[::step][:used]]
+    expmap, where = [sys.executable, "-m", "webapp"], [str(cfg), "--index", str(index), "--json"]
     built = run([*expmap, "build", *where])
     ask = [*expmap, "localize", *where, "--budget", "0"]
     run([*ask, queries[0]])  # the first answer creates files that are missing
     one, every = run([*ask, queries[0]]), run([*ask, *queries])
-    count = len(_photos(arguments.map))
+    count = len(_photos(cfg))
     kept = sum(path.stat().st_size for path in index.rglob("*") if path.is_file())
     return Tier(
         build_s=built.cpu_seconds / count,
@@ -194,6 +205,28 @@ def _measure_tier(arguments: argparse.Namespace, index: Path, *, memory_mb: str)
         process_mb=every.peak_rss_mb,
         answer_s=(every.cpu_seconds - one.cpu_seconds) / (len(queries) - 1),
     )
+
+
+def _check(measured: Measured, arguments: argparse.Namespace) -> dict[str, dict[str, float]]:
+    """Measure the larger map and print its figures beside those that the model computes from the first."""
+    cfg, listed = arguments.check
+    name = "compressed" if len(_photos(cfg)) <= COMPRESSED_UP_TO else "signatures"
+    with tempfile.TemporaryDirectory() as folder:
+        larger = _measure_tier(
+            cfg, listed, used=arguments.queries_used, index=Path(folder) / name, memory_mb=TIERS[name]
+        )
+    model: Tier = getattr(measured, name)
+    photos = len(_photos(cfg))
+    figures = {
+        "index, MB": (model.index_kb * photos / 1000, larger.index_kb * photos / 1000),
+        "first index, core minutes": (model.build_s * photos / 60, larger.build_s * photos / 60),
+        "an answer, CPU seconds": (model.answer_s, larger.answer_s),
+        "process with the map open, MB": (model.process_mb, larger.process_mb),
+    }
+    print(f"\n{f'a map of {photos} photos':32}{'model':>12}{'measured':>12}{'ratio':>8}")
+    for what, (said, found) in figures.items():
+        print(f"{what:32}{shown(said):>12}{shown(found):>12}{said / found:>8.2f}")
+    return {what: {"model": said, "measured": found} for what, (said, found) in figures.items()}
 
 
 def _previews_kb(photos: Sequence[Path]) -> float:
