@@ -2804,7 +2804,13 @@ export interface components {
             body?: {
                 [key: string]: unknown;
             };
+            /** @description Where that one was taken. */
+            geometry?: {
+                [key: string]: unknown;
+            } | null;
             href?: string;
+            /** @description Of the photo before or after this one by time. */
+            id?: string;
             method?: string;
             rel?: string;
             title?: string;
