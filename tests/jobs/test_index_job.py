@@ -209,7 +209,7 @@ def test_photos_from_visitors_get_their_places_once_there_is_an_index(library, q
         save_photo(file, seed)
         with file.open("ab") as end:
             end.write(b"another file")
-        suggestion = suggest(cache, row, UploadedPhoto(file, name))
+        suggestion = suggest(cache, row, photo=UploadedPhoto(file, name))
         assert suggestion.to_find and suggestion.place is None
         given = Given(share.id, "v", file, name)
         ids.append(contribute(library, row, given=given, suggestion=suggestion, settings=quick))

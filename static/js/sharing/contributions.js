@@ -25,8 +25,9 @@ async function show() {
   byId("photos").replaceChildren(...cards);
   clearTimeout(again);
   if (searched(found)) again = setTimeout(() => look(searched(found)), AGAIN_MS);
+  if (!page.searches) return;
   for (const [n, photo] of found.photos.entries()) {
-    if (!(await suggestBlur(photo, cards[n]))) return;
+    if (cards[n].isConnected) await suggestBlur(photo, cards[n]);
   }
 }
 
@@ -62,14 +63,14 @@ function card(photo) {
       page.satellite && isPlaced && spot(photo)),
     h("div", { class: "co-text" },
       h("div", {}, photo.name),
-      h("div", { class: "small soft" }, moment(photo.sent_at), " · ", place(photo)),
+      h("div", { class: "small soft" }, moment(photo.sent_at), " · ", placeText(photo)),
       h("div", { class: "small", "data-part": "blur" })),
     h("div", { class: "row co-buttons" }, accept, refuse,
       h("a", { class: "button button--quiet", href: `${base}/edit?photo=${photo.id}` }, icon("pencil"), t("In the editor"))));
 }
 
 /** @param {Api["WaitingOut"]} photo */
-function place({ x_px: x, probability, searching }) {
+function placeText({ x_px: x, probability, searching }) {
   if (searching) return t("its place is looked for when the map is ready");
   if (x === null) return t("place not found: place it in the editor, or refuse it");
   return t("found, with {probability}", { probability: percentText(probability) });
@@ -105,25 +106,13 @@ async function leave(element) {
   next.querySelector("button:enabled")?.focus({ preventScroll: true });
 }
 
-/** Look for faces and plates; return whether more photos can be searched. */
+/** Offer to blur the faces and plates that are found in a photo. */
 async function suggestBlur(photo, element) {
+  const { boxes } = await get(`${base}/photos/${photo.id}/blur/suggestions`);
+  if (!boxes.length) return;
+  const wanted = boxes.map(({ x, y, width, height }) => ({ x, y, width, height }));
+  const blur = h("button", { class: "button button--quiet", type: "button", "data-testid": "blur" }, t("Blur them"));
+  blur.addEventListener("click", () => busy(blur, () => put(`${base}/photos/${photo.id}/blur`, { boxes: wanted }).then(show)).catch(toastError));
   const place = element.querySelector("[data-part=blur]");
-  try {
-    const { boxes, missing } = await get(`${base}/photos/${photo.id}/blur/suggestions`);
-    if (boxes.length) {
-      const wanted = boxes.map(({ x, y, width, height }) => ({ x, y, width, height }));
-      const blur = h("button", { class: "button button--quiet", type: "button", "data-testid": "blur" }, t("Blur them"));
-      blur.addEventListener("click", () => busy(blur, () => put(`${base}/photos/${photo.id}/blur`, { boxes: wanted }).then(show)).catch(toastError));
-      place.replaceChildren(tn("{n} face or plate was found.", "{n} faces or plates were found.", boxes.length), " ", blur);
-    }
-    byId("faces").hidden = !missing.length;
-    return true;
-  } catch (error) {
-    if (error.status === 503 || error.status === 424 || error.code === "missing_part") {
-      byId("faces").hidden = false;
-      return false;
-    }
-    toastError(error);
-    return false;
-  }
+  place.replaceChildren(tn("{n} face or plate was found.", "{n} faces or plates were found.", boxes.length), " ", blur);
 }

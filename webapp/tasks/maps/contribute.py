@@ -99,7 +99,7 @@ class Suggestion:
     to_find: bool = False  # The map cannot be asked now, and is asked when it has an index
 
 
-def suggest(cache: MapCache, map_id: int, photo: UploadedPhoto) -> Suggestion:
+def suggest(cache: MapCache, map_id: int, *, photo: UploadedPhoto) -> Suggestion:
     """Ask the map for the place of a photo; with an index that is not ready, it is found later.
 
     Raises:
@@ -140,7 +140,7 @@ def suggest_later(
         progress.check()
         file = photo_path(library.cfg(record.slug), photo.path)
         try:
-            found = suggest(cache, map_id, UploadedPhoto(file, photo.name))
+            found = suggest(cache, map_id, photo=UploadedPhoto(file, photo.name))
         except PhotoError as error:
             _log.warning("no place is suggested for a visitor's photo: %s", error)
             found = Suggestion()

@@ -114,7 +114,7 @@ def give(token: str, given: dict[str, Any]) -> dict[str, Any]:
     with visitors_limit.slot(), received(opened.map, [file], again=None) as (photo,):
         size_bytes = photo.path.stat().st_size
         check_allowance(library(), opened.share, visitor=visitor, size_bytes=size_bytes, limits=limits)
-        suggestion = suggest(map_cache(), opened.map.id, photo)
+        suggestion = suggest(map_cache(), opened.map.id, photo=photo)
         sent = Given(opened.share.id, visitor, photo.path, photo.name)
         contribute(library(), opened.map.id, given=sent, suggestion=suggestion, settings=settings())
     if suggestion.to_find:
