@@ -14,13 +14,16 @@ from webapp.core.geo.types import MapPixel
 from webapp.errors import ClusterUnavailable
 from webapp.jobs.worker import Worker
 from webapp.settings import ExtractSettings
-from webapp.store import queries
+from webapp.store import queries, sharing
 from webapp.store.accounts import accounts
-from webapp.store.schema import MapRecord, Photo, QueryRecord
+from webapp.store.schema import Contribution, MapRecord, Photo, QueryRecord
 from webapp.tasks.computing.cluster import DaskPool
 from webapp.tasks.localize import adopt_query, calibrate
 from webapp.tasks.localize.adopt_query import independent_photos
+from webapp.tasks.localize.map_cache import MapCache
+from webapp.tasks.localize.upload import UploadedPhoto
 from webapp.tasks.maps import adopt_map
+from webapp.tasks.maps.contribute import Given, contribute, suggest
 
 
 @pytest.fixture
@@ -190,3 +193,30 @@ def test_the_sample_of_a_new_library_is_made_once(library, settings, queue, seen
     assert sorted(path.name for path in library.folder.iterdir()) == [".library", "sample"]
     with library.database.read() as session:
         assert [r.slug for r in session.query(MapRecord)] == ["sample"]
+
+
+def test_photos_from_visitors_get_their_places_once_there_is_an_index(library, quick, queue, row, save_photo):
+    with library.database.write() as session:
+        record = session.get_one(MapRecord, row)
+        allows = sharing.SharePermissions(contribute=True)
+        share, _token = sharing.create(session, record, allows=allows, account_id=1)
+        at = session.get_one(Photo, (row, 2))
+        wanted = (at.x_px, at.y_px)
+    cache = MapCache(library, quick)
+    ids = []
+    for seed, name in ((2, "there.jpg"), (77, "elsewhere.jpg")):
+        file = library.uploads / name
+        save_photo(file, seed)
+        with file.open("ab") as end:
+            end.write(b"another file")
+        suggestion = suggest(cache, row, photo=UploadedPhoto(file, name))
+        assert suggestion.to_find and suggestion.place is None
+        given = Given(share.id, "v", file, name)
+        ids.append(contribute(library, row, given=given, suggestion=suggestion, settings=quick))
+    queue("index", map_id=row)
+    Worker(library, quick, registry=REGISTRY).run(once=True)
+    with library.database.read() as session:
+        there, elsewhere = (session.get_one(Contribution, (row, id)) for id in ids)
+    assert (there.x_px, there.y_px) == pytest.approx(wanted, abs=5.0)
+    assert elsewhere.x_px is None
+    assert not there.to_find and not elsewhere.to_find

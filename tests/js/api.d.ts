@@ -48,6 +48,32 @@ export interface components {
             x_px?: number;
             y_px?: number;
         };
+        AlbumLinkChange: {
+            /**
+             * @description Hours between two updates; 0: only on request.
+             * @enum {integer}
+             */
+            every_h?: 0 | 1 | 24 | 168;
+            /** @description Whether updates write positions that people set or accept here into the photo library. */
+            writes_back?: boolean;
+        };
+        AlbumLinkIn: {
+            /** @description Its id in the photo library. */
+            album: string;
+            /**
+             * @description Hours between two updates; 0: only on request.
+             * @default 0
+             * @enum {integer}
+             */
+            every_h: 0 | 1 | 24 | 168;
+            /** @description A map that the caller may edit. */
+            map: string;
+            /**
+             * @description Whether updates write positions that people set or accept here into the photo library.
+             * @default false
+             */
+            writes_back: boolean;
+        };
         AlignIn: {
             pairs: components["schemas"]["PairIn"][];
         };
@@ -846,6 +872,8 @@ export interface components {
         GivenOut: {
             /** @description Whether the place where it was taken was found. */
             found?: boolean;
+            /** @description Whether it is looked for later, when the map is ready. */
+            searching?: boolean;
             /** @description That place on the image, if it was found. */
             x_px?: number | null;
             y_px?: number | null;
@@ -1091,6 +1119,50 @@ export interface components {
             /** @description -1: poses as they are; each further level is four times coarser. */
             level?: number;
             points?: (number | null)[][];
+        };
+        LinkedAlbumOut: {
+            /** @description Its id in the photo library. */
+            album?: string;
+            due_at?: string | null;
+            /** @description Why the last update failed. */
+            error?: string | null;
+            /** @description Hours between two updates; 0: only on request. */
+            every_h?: number;
+            id?: number;
+            /** @description Photos of the map that are no longer in the album. */
+            kept?: number;
+            /** @description Id of the photo library. */
+            library?: number;
+            map?: string;
+            name?: string;
+            /** @description Photos of the album that are on the map. */
+            photos?: number;
+            unusable?: number;
+            /** @description End of the last complete update. */
+            updated_at?: string | null;
+            /** @description Whether updates write positions that people set or accept here into the photo library. */
+            writes_back?: boolean;
+        };
+        LinkedPhotoOut: {
+            /** @description Its id in the photo library. */
+            asset?: string;
+            /** @description Position in the photo library. */
+            lat?: number | null;
+            lon?: number | null;
+            /** @description Its id on the map; null: it cannot be used. */
+            photo?: number | null;
+            /** @description Why its file cannot be used. */
+            problem?: string | null;
+            /**
+             * @description No longer in the album: `kept` on the map, or `taken` from it, too.
+             * @enum {string}
+             */
+            state?: "here" | "kept" | "taken";
+            /** @description Whether that position was written from here. */
+            written?: boolean;
+        };
+        LinkedPhotos: {
+            photos?: components["schemas"]["LinkedPhotoOut"][];
         };
         ListedJob: {
             /** @description What it waits for; null: it waits for nothing. */
@@ -1869,6 +1941,15 @@ export interface components {
             /** @description How many it has sent. */
             positions?: number;
         };
+        PhotoAlbumOut: {
+            id?: string;
+            /** @description Photos and videos. */
+            items?: number;
+            name?: string;
+        };
+        PhotoAlbums: {
+            albums?: components["schemas"]["PhotoAlbumOut"][];
+        };
         PhotoChange: {
             /** @description Id of the floor that it is on. */
             floor?: number;
@@ -1901,6 +1982,24 @@ export interface components {
             object?: string;
             /** @description When it was taken, Unix seconds. */
             time?: number;
+        };
+        PhotoLibraries: {
+            libraries?: components["schemas"]["PhotoLibraryOut"][];
+            linked?: components["schemas"]["LinkedAlbumOut"][];
+        };
+        PhotoLibraryIn: {
+            address: string;
+            /** @description Its API key; never in answers. */
+            key: string;
+            /** @enum {string} */
+            kind: "immich" | "photoprism";
+        };
+        PhotoLibraryOut: {
+            address?: string;
+            created_at?: string;
+            id?: number;
+            /** @enum {string} */
+            kind?: "immich" | "photoprism";
         };
         PhotoOut: {
             /** @description What is blurred in pictures of it. */
@@ -2705,7 +2804,13 @@ export interface components {
             body?: {
                 [key: string]: unknown;
             };
+            /** @description Where that one was taken. */
+            geometry?: {
+                [key: string]: unknown;
+            } | null;
             href?: string;
+            /** @description Of the photo before or after this one by time. */
+            id?: string;
             method?: string;
             rel?: string;
             title?: string;
@@ -3114,6 +3219,8 @@ export interface components {
             preview?: string;
             probability?: number | null;
             radius_px?: number | null;
+            /** @description Whether a place is looked for when the map is ready. */
+            searching?: boolean;
             sent_at?: string;
             thumb?: string;
             width?: number;

@@ -32,10 +32,12 @@ from webapp.tasks.landmarks.reconstruct import reconstruct
 from webapp.tasks.landmarks.show_cloud import align_in_library
 from webapp.tasks.localize import build_map
 from webapp.tasks.localize.adopt_query import independent_photos
+from webapp.tasks.localize.map_cache import MapCache
 from webapp.tasks.localize.open_pipeline import make_plan, open_pipeline
 from webapp.tasks.localize.plan import MapPlan, OpenOptions
 from webapp.tasks.localize.trials import MOST_PHOTOS
 from webapp.tasks.maps import export, health
+from webapp.tasks.maps.contribute import suggest_later
 from webapp.tasks.satellite import display, tiles
 from webapp.tasks.satellite.apply import ImageChoice, set_image
 from webapp.tasks.satellite.files import removed_if_refused
@@ -51,8 +53,8 @@ def build_map_index(context: Context) -> dict[str, Any]:
     """Build a map's index and calibration, as `expmap build` does; after an interruption it continues.
 
     Photos that were added from answers are among the real queries, if people corrected the position or the
-    photo's GPS confirms it. The arguments `features` and `method`
-    override the defaults of the library.
+    photo's GPS confirms it. At the end, places are suggested for photos that visitors gave before. The
+    arguments `features` and `method` override the defaults of the library.
     """
     library, record, asked = context.library, context.map(), context.arguments
     options = OpenOptions(asked.get("method", "auto"), asked.get("features") or "auto")
@@ -73,6 +75,8 @@ def build_map_index(context: Context) -> dict[str, Any]:
     describe_library.describe_map(
         library, record.id, settings=context.settings, writes=context.write, progress=context.progress
     )
+    cache = MapCache(library, context.settings)
+    suggest_later(cache, record.id, write=context.write, progress=context.progress)
     looks = [report] if report.second is None else [report, report.second]
     unusable = {id: (photo, reason) for look in looks for id, photo, reason in look.index.failed}
     failed = [{"id": id, "photo": photo, "reason": reason} for id, (photo, reason) in unusable.items()]

@@ -52,6 +52,12 @@ def waiting(session: Session, record: MapRecord, *, most: int) -> list[tuple[Con
     return [(contribution, photo) for contribution, photo in rows]
 
 
+def to_find(session: Session, record: MapRecord) -> list[tuple[Contribution, Photo]]:
+    """List the photos that wait, and for whose place the map has not been asked yet."""
+    found = select(Contribution, Photo).where(*_is_waiting(record.id), Contribution.to_find)
+    return [(contribution, photo) for contribution, photo in session.execute(found)]
+
+
 def _is_waiting(map_id: int) -> tuple[ColumnElement[bool], ...]:
     return (
         Contribution.map_id == map_id,

@@ -78,6 +78,9 @@ class LinkedPhoto(Base):
     lon: Mapped[float | None]
     written: Mapped[bool] = mapped_column(default=False)
     """Whether that position was written from here."""
+    sent_lat: Mapped[float | None]
+    """Position that was about to be written: the update that did so may have been killed before or after."""
+    sent_lon: Mapped[float | None]
     state: Mapped[str] = mapped_column(default=HERE)
     problem: Mapped[str | None]
     """Why its file could not be used, as a sentence."""

@@ -471,3 +471,5 @@ class Contribution(Base):
     """Of the place that localization suggests; None where it has found none."""
     floor: Mapped[int] = mapped_column(default=0)
     """Id of the floor of that place."""
+    to_find: Mapped[bool] = mapped_column(default=False, server_default=false())
+    """Whether that place is looked for when the map has an index."""

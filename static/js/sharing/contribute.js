@@ -34,8 +34,10 @@ async function send(path, file) {
   const bar = byId("give-busy", HTMLProgressElement);
   bar.hidden = false;
   try {
-    const { found } = await upload(path, { body });
-    const where = found ? t("Its place on the map was found.") : t("Its place was not found: the owners of the map can look for it.");
+    const { found, searching } = await upload(path, { body });
+    const where = found ? t("Its place on the map was found.")
+      : searching ? t("Its place is looked for when the map is ready.")
+        : t("Its place was not found: the owners of the map can look for it.");
     byId("give-notes").append(note("info", labelled(name, t("Thank you. The photo waits for the owners of the map.")), where));
   } catch (error) {
     byId("give-notes").append(note("danger", labelled(name, error.message), error.hint && sentence(error.hint)));

@@ -3,22 +3,51 @@
 import { del, get, post, put } from "../shared/api.js";
 import { busy } from "../shared/dialogs.js";
 import { byId, h, icon } from "../shared/dom.js";
+import { percentText } from "../shared/format.js";
 import { moment, t, tn } from "../shared/i18n.js";
 import { toast, toastError } from "../shared/toast.js";
 
 const page = JSON.parse(byId("page").textContent);
 const base = `/maps/${encodeURIComponent(page.slug)}`;
 
+const AGAIN_MS = 3000;
+const HIDDEN_MS = 30000;
+
+let again = 0;
+let waiting = 0;
+
 if (page.can_edit) show().catch(toastError);
 
 async function show() {
-  const { photos, waiting } = await get(`${base}/contributions`);
-  byId("waiting").textContent = waiting ? tn("{n} photo waits.", "{n} photos wait.", waiting) : t("No photos wait.");
-  const cards = photos.map(card);
+  const found = await get(`${base}/contributions`);
+  count((waiting = found.waiting));
+  const cards = found.photos.map(card);
   byId("photos").replaceChildren(...cards);
-  for (const [n, photo] of photos.entries()) {
-    if (!(await suggestBlur(photo, cards[n]))) return;
+  clearTimeout(again);
+  if (searched(found)) again = setTimeout(() => look(searched(found)), AGAIN_MS);
+  if (!page.searches) return;
+  for (const [n, photo] of found.photos.entries()) {
+    if (cards[n].isConnected) await suggestBlur(photo, cards[n]);
   }
+}
+
+/** Show the photos again when a place that was being looked for has been found, or not. */
+async function look(before) {
+  try {
+    if (!document.hidden && searched(await get(`${base}/contributions`)) < before) return await show();
+  } catch (error) {
+    if (error.code !== "offline") return toastError(error);
+  }
+  again = setTimeout(() => look(before), document.hidden ? HIDDEN_MS : AGAIN_MS);
+}
+
+/** @param {Api["WaitingList"]} found */
+function searched({ photos }) {
+  return photos.filter(({ searching }) => searching).length;
+}
+
+function count(n) {
+  byId("waiting").textContent = n ? tn("{n} photo waits.", "{n} photos wait.", n) : t("No photos wait.");
 }
 
 /** @param {Api["WaitingOut"]} photo */
@@ -29,14 +58,22 @@ function card(photo) {
   accept.addEventListener("click", () => decide(accept, t("The photo was accepted"), () => post(`${base}/contributions/${photo.id}/accept`)));
   refuse.addEventListener("click", () => decide(refuse, t("The photo was refused"), () => del(`${base}/experiences/${photo.id}`)));
   return h("li", { class: "card co-card", "data-testid": "contribution", dataset: { id: photo.id } },
-    h("img", { class: "co-photo", src: photo.preview, alt: photo.name, width: photo.width, height: photo.height, loading: "lazy" }),
-    page.satellite && isPlaced && spot(photo),
+    h("div", { class: "co-pictures" },
+      h("img", { class: "co-photo", src: photo.preview, alt: photo.name, width: photo.width, height: photo.height, loading: "lazy" }),
+      page.satellite && isPlaced && spot(photo)),
     h("div", { class: "co-text" },
       h("div", {}, photo.name),
-      h("div", { class: "small soft" }, moment(photo.sent_at), " · ", isPlaced ? t("found, with {percent} %", { percent: Math.round(100 * photo.probability) }) : t("place not found: place it in the editor, or refuse it")),
+      h("div", { class: "small soft" }, moment(photo.sent_at), " · ", placeText(photo)),
       h("div", { class: "small", "data-part": "blur" })),
     h("div", { class: "row co-buttons" }, accept, refuse,
       h("a", { class: "button button--quiet", href: `${base}/edit?photo=${photo.id}` }, icon("pencil"), t("In the editor"))));
+}
+
+/** @param {Api["WaitingOut"]} photo */
+function placeText({ x_px: x, probability, searching }) {
+  if (searching) return t("its place is looked for when the map is ready");
+  if (x === null) return t("place not found: place it in the editor, or refuse it");
+  return t("found, with {probability}", { probability: percentText(probability) });
 }
 
 /** The image of the map with the suggested place. @param {Api["WaitingOut"]} photo */
@@ -53,33 +90,29 @@ async function decide(button, said, request) {
     try {
       await request();
       toast(said, { action: { label: t("Undo"), run: () => post(`${base}/undo`).then(show).catch(toastError) } });
-      await show();
+      await leave(button.closest("li"));
     } catch (error) {
       toastError(error);
     }
   });
 }
 
-/** Look for faces and plates; return whether more photos can be searched. */
+/** Take a card away; the others stay where they are, with what was found in their photos. */
+async function leave(element) {
+  const next = element.nextElementSibling ?? element.previousElementSibling;
+  element.remove();
+  count((waiting -= 1));
+  if (!next) return show();
+  next.querySelector("button:enabled")?.focus({ preventScroll: true });
+}
+
+/** Offer to blur the faces and plates that are found in a photo. */
 async function suggestBlur(photo, element) {
+  const { boxes } = await get(`${base}/photos/${photo.id}/blur/suggestions`);
+  if (!boxes.length) return;
+  const wanted = boxes.map(({ x, y, width, height }) => ({ x, y, width, height }));
+  const blur = h("button", { class: "button button--quiet", type: "button", "data-testid": "blur" }, t("Blur them"));
+  blur.addEventListener("click", () => busy(blur, () => put(`${base}/photos/${photo.id}/blur`, { boxes: wanted }).then(show)).catch(toastError));
   const place = element.querySelector("[data-part=blur]");
-  try {
-    const { boxes, missing } = await get(`${base}/photos/${photo.id}/blur/suggestions`);
-    if (boxes.length) {
-      const wanted = boxes.map(({ x, y, width, height }) => ({ x, y, width, height }));
-      const blur = h("button", { class: "button button--quiet", type: "button", "data-testid": "blur" }, t("Blur them"));
-      blur.addEventListener("click", () => busy(blur, () => put(`${base}/photos/${photo.id}/blur`, { boxes: wanted }).then(show)).catch(toastError));
-      place.replaceChildren(tn("{n} face or plate was found.", "{n} faces or plates were found.", boxes.length), " ", blur);
-    } else if (missing.length) {
-      place.textContent = t("Look for faces and number plates yourself: the networks that find them are not installed.");
-    }
-    return true;
-  } catch (error) {
-    if (error.status === 503 || error.status === 424 || error.code === "missing_part") {
-      place.textContent = t("Look for faces and number plates yourself: the networks that find them are not installed.");
-      return false;
-    }
-    toastError(error);
-    return false;
-  }
+  place.replaceChildren(tn("{n} face or plate was found.", "{n} faces or plates were found.", boxes.length), " ", blur);
 }

@@ -14,6 +14,7 @@ from referencing import Registry, Resource
 from werkzeug.serving import WSGIRequestHandler, make_server
 
 from tests.web.sharing.stripes import BOX, blur
+from webapp.connect.gis.stac_items import _last_page
 from webapp.connect.gis.stac_regions import MOST_CORNERS, parse_region
 from webapp.errors import UsageError
 from webapp.net.street import Panoramax
@@ -110,6 +111,65 @@ def test_pystac_client_searches_in_pages(catalog):
         for method in ("GET", "POST"):
             found = catalog.search(method=method, limit=2, **query)
             assert [item.id for item in found.items()] == [f"park-2-{n}" for n in wanted], (method, query)
+
+
+def links_of(found):
+    return {link["rel"]: link for link in found["links"]}
+
+
+@pytest.mark.parametrize(
+    ("method", "path"), [("GET", "/search"), ("POST", "/search"), ("GET", "/collections/park-2/items")]
+)
+def test_pages_lead_forwards_and_back(client, park, method, path):
+    def follow(link):
+        assert link["method"] == method
+        if method == "GET":
+            return ask(client, link["href"]).json
+        answer = client.post(link["href"], json=link["body"])
+        assert answer.status_code == 200, answer.text
+        return answer.json
+
+    body = {"limit": 2, "collections": ["park-2"]}
+    if method == "POST":
+        page = client.post(f"{ROOT}{path}", json=body).json
+    else:
+        page = ask(client, path, limit=2, collections="park-2").json
+    seen = [ids(page)]
+    assert "prev" not in links_of(page)
+    while "next" in links_of(page):
+        page = follow(links_of(page)["next"])
+        seen.append(ids(page))
+    assert seen == [["park-2-0", "park-2-1"], ["park-2-2", "park-2-3"], ["park-2-4"]]
+    for wanted in reversed(seen[:-1]):
+        page = follow(links_of(page)["prev"])
+        assert ids(page) == wanted
+    assert "prev" not in links_of(page)
+
+
+def test_pages_lead_back_over_maps():
+    maps = [("c", np.array([4, 7])), ("b", np.array([], np.int64)), ("a", np.array([1, 2, 9]))]
+    found = [_last_page(maps, limit) for limit in range(1, 7)]
+    assert found == ["c-4", "a-9", "a-2", "a-1", "", ""]
+    assert _last_page(maps[1:2], 3) is None
+
+
+def test_photos_lead_to_those_before_and_after_by_time(catalog, client, library):
+    with library.database.write() as session:
+        record = session.query(MapRecord).filter_by(slug="park-2").one()
+        session.get_one(Photo, (record.id, 3)).taken_at = "2026-04-30T12:00:00+02:00"
+    collection = catalog.get_collection("park-2")
+    item, way = collection.get_item("park-2-3"), []
+    assert item.get_single_link("prev") is None
+    while item:
+        way.append(item.id)
+        link = item.get_single_link("next")
+        following = link and collection.get_item(link.extra_fields["id"])
+        if following:
+            assert link.extra_fields["geometry"] == following.geometry
+            assert link.href == following.get_self_href()
+            assert following.get_single_link("prev").extra_fields["id"] == item.id
+        item = following
+    assert way == [f"park-2-{n}" for n in (3, 0, 1, 2, 4)]  # the last has no time
 
 
 def test_everything_matches_the_schemas_of_stac(client, park):

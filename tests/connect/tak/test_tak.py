@@ -247,6 +247,23 @@ def test_what_is_written_is_read(write, read):
     assert read(write(EVENT)) == replace(EVENT, remarks="gps & ?")
 
 
+TAKPROTO = bytes.fromhex(
+    "12c2010a09612d662d472d552d432a10414e44524f49442d64656164626565663080b2ec97de3338"
+    "80b2ec97de3340d8a38398de334a036d2d6751098a1f63ee1a4940598351499d80a62f4061000000"
+    "0000706f4069000000000000124071000000e0cf1263417a5c12110a092a3a2d313a737463701204"
+    "414c46411a130a044379616e120b5465616d204d656d6265722a020857321a0a05504958454c1208"
+    "4154414b2d4349561a0233342203352e323a1209000000000000f83f110000000000f47040"
+)
+"""A position with group, battery and device as takproto 3.0.1 wrote it from the XML of ATAK."""
+
+
+def test_what_takproto_writes_is_read():
+    read = from_protobuf(TAKPROTO)
+    assert (read.uid, read.type, read.callsign) == ("ANDROID-deadbeef", "a-f-G-U-C", "ALFA")
+    assert (read.latlon, read.height_m, read.radius_m) == (LatLon(50.2104, 15.8252), 251.5, 4.5)
+    assert (read.time_s, read.stale_s, read.course_deg) == (1777629600.0, 1777629975.0, 271.25)
+
+
 NO_EVENT = [
     b"<event/>",
     b"<other/>",

@@ -66,7 +66,7 @@ def photo_of(client, slug, id):
 
 def test_a_photo_waits_with_its_place_and_is_accepted_with_one_edit_that_is_undone(client, full, give, found):
     before = len(client.get(f"/api/v1/maps/{full}").json["photos"])
-    assert give() == {"found": True, "x_px": 12.0, "y_px": 34.0}
+    assert give() == {"found": True, "searching": False, "x_px": 12.0, "y_px": 34.0}
     (one,) = waiting(client, full)["photos"]
     assert (one["x_px"], one["heading_deg"], one["probability"], one["name"]) == (12.0, 90.0, 0.8, "v.jpg")
     for name in ("thumb", "preview"):

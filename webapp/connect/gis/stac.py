@@ -7,7 +7,7 @@ Panoramax use: https://docs.panoramax.fr/api/
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
@@ -73,6 +73,8 @@ class StacLink(OgcLink):
 
     method = String()
     body = Dict()
+    id = String(metadata={"description": "Of the photo before or after this one by time."})
+    geometry = Dict(allow_none=True, metadata={"description": "Where that one was taken."})
 
 
 class StacCatalog(Schema):
@@ -236,9 +238,9 @@ def list_items(slug: str) -> Answer:
         _link(_address("list_items", slug=slug, **request.args), "self", "This", type=_GEOJSON),
         _link(_address("show_collection", slug=slug), "collection", "The map"),
     ]
-    if found.after is not None:
-        following = _address("list_items", slug=slug, **own, after=found.after)
-        links.append(_link(following, "next", "More", type=_GEOJSON) | {"method": "GET"})
+    for rel, title, more in _pages(found):
+        other = _link(_address("list_items", slug=slug, **own, **more), rel, title, type=_GEOJSON)
+        links.append(other | {"method": "GET"})
     return _features(found, links)
 
 
@@ -259,9 +261,9 @@ def search() -> Answer:
     found = search_items(query, scope)
     own = {name: value for name, value in request.args.items() if name != "after"}
     links = [_link(_address("search", **request.args), "self", "This", type=_GEOJSON)]
-    if found.after is not None:
-        following = _address("search", **own, after=found.after)
-        links.append(_link(following, "next", "More", type=_GEOJSON) | {"method": "GET"})
+    for rel, title, more in _pages(found):
+        other = _link(_address("search", **own, **more), rel, title, type=_GEOJSON)
+        links.append(other | {"method": "GET"})
     return _features(found, links)
 
 
@@ -279,9 +281,10 @@ def search_by_body(body: dict[str, Any]) -> Answer:
         _query(values, body.get("intersects")), _scope(body.get("collections"), body.get("ids"))
     )
     links = [_link(_address("search"), "self", "This", type=_GEOJSON)]
-    if found.after is not None:
-        following = _link(_address("search"), "next", "More", type=_GEOJSON)
-        links.append(following | {"method": "POST", "body": body | {"after": found.after}})
+    own = {name: value for name, value in body.items() if name != "after"}
+    for rel, title, more in _pages(found):
+        other = _link(_address("search"), rel, title, type=_GEOJSON)
+        links.append(other | {"method": "POST", "body": own | more})
     return _features(found, links)
 
 
@@ -316,6 +319,14 @@ def _scope(collections: Sequence[str] | None, ids: Sequence[str] | None) -> Scop
     return Scope(*(None if some is None else frozenset(some) for some in (collections, ids)))
 
 
+def _pages(found: Found) -> Iterator[tuple[str, str, dict[str, str]]]:
+    """Yield the relation, the title and the parameters of the pages before and after."""
+    if found.before is not None:
+        yield "prev", "Before", {"after": found.before} if found.before else {}
+    if found.after is not None:
+        yield "next", "More", {"after": found.after}
+
+
 def _features(found: Found, links: list[dict[str, Any]]) -> Answer:
     answer = {
         "type": "FeatureCollection",
@@ -332,8 +343,14 @@ def _features(found: Found, links: list[dict[str, Any]]) -> Answer:
 def _with_links(one: dict[str, Any]) -> dict[str, Any]:
     own, slug = one["id"], one["collection"]
     of_map = _address("show_collection", slug=slug)
+    beside = [
+        link
+        | _link(_address("show_item", slug=slug, feature=link["id"]), link["rel"], link["id"], type=_GEOJSON)
+        for link in one["links"]
+    ]
     return one | {
         "links": [
+            *beside,
             _link(_address("show_item", slug=slug, feature=own), "self", own, type=_GEOJSON),
             _link(of_map, "collection", "The map"),
             _link(of_map, "parent", "The map"),

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -48,6 +49,8 @@ class Found:
     items: list[dict[str, Any]]
     matched: int | None  # Number of all that are wanted; None if they have not been counted
     after: str | None  # Id of the last one, if more follow
+    # Id after which the page before this one begins; empty: it is the first; None: this is the first.
+    before: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,8 +95,9 @@ def search(query: ItemQuery, scope: Scope) -> Found:
             room = query.limit - len(found)
             found += _items(session, record, rest[:room].tolist())
             if len(rest) > room:
-                return Found(found, None, found[-1]["id"] if found else query.after)
-    return Found(found, None if query.after else len(found), None)
+                following = found[-1]["id"] if found else query.after
+                return Found(found, None, following, _before(session, query, scope=scope))
+        return Found(found, None if query.after else len(found), None, _before(session, query, scope=scope))
 
 
 def of_map(slug: str, query: ItemQuery, *, scope: Scope) -> Found:
@@ -103,7 +107,8 @@ def of_map(slug: str, query: ItemQuery, *, scope: Scope) -> Found:
         rest = ids[ids > (_split(query.after)[1] if query.after else -1)]
         page = rest[: query.limit].tolist()
         more = f"{slug}-{page[-1]}" if len(rest) > query.limit else None
-        return Found(list(_items(session, record, page)), len(ids), more)
+        earlier = [(slug, ids[: len(ids) - len(rest)])]
+        return Found(list(_items(session, record, page)), len(ids), more, _last_page(earlier, query.limit))
 
 
 def item(slug: str, id: str) -> dict[str, Any]:
@@ -137,11 +142,53 @@ def collection(record: MapRecord) -> dict[str, Any]:
     }
 
 
+def _before(session: Session, query: ItemQuery, *, scope: Scope) -> str | None:
+    """Return where the page before that of a search begins, as `Found.before`."""
+    if not query.after:
+        return None
+    slug, after = _split(query.after)
+    records = reversed([record for record in visible() if record.slug <= slug])
+    numbers = ((record.slug, _numbers(session, record, query, scope=scope)) for record in records)
+    return _last_page(((of, ids[ids <= after] if of == slug else ids) for of, ids in numbers), query.limit)
+
+
+def _last_page(earlier: Iterable[tuple[str, NDArray[np.int64]]], limit: int) -> str | None:
+    """Return where the last page of what comes before a page begins, as `Found.before`.
+
+    Args:
+        earlier: Names of maps with sorted numbers of photos, the last map first.
+    """
+    room = limit
+    for slug, ids in earlier:
+        if len(ids) > room:
+            return f"{slug}-{ids[len(ids) - room - 1]}"
+        room -= len(ids)
+    return None if room == limit else ""
+
+
+def _neighbours(session: Session, record: MapRecord, ids: list[int]) -> dict[int, dict[str, int]]:
+    """Return the photos before and after some photos by time; those without a time are at the end."""
+    known = {id: time_s for id, time_s in photo_times(session, record).items() if math.isfinite(time_s)}
+    placed = (dot.id for dot in maps.dots(session, record, placed=True))
+    order = sorted(placed, key=lambda id: (known.get(id, math.inf), id))
+    found: dict[int, dict[str, int]] = {id: {} for id in ids}
+    for one, following in pairwise(order):
+        if one in found:
+            found[one]["next"] = following
+        if following in found:
+            found[following]["prev"] = one
+    return found
+
+
 def _items(session: Session, record: MapRecord, ids: list[int]) -> Iterator[dict[str, Any]]:
     found = georeference(record)
-    if found is None:
+    if found is None or not ids:
         return
-    for photo, e, floor in placed_photos(session, record, ids):
+    around = _neighbours(session, record, ids)
+    beside = {id for pair in around.values() for id in pair.values()}
+    read = {row[0].id: row for row in placed_photos(session, record, sorted(beside.union(ids)))}
+    places = {id: _place(e, found) for id, (_photo, e, _floor) in read.items()}
+    for photo, e, floor in (read[id] for id in ids if id in read):
         properties = {**_times(photo), **_facts(photo, e, found), "geovisio:status": "ready"}
         if floor is not None:
             properties |= {"expmap:floor": floor.name, "expmap:level": floor.level}
@@ -151,10 +198,19 @@ def _items(session: Session, record: MapRecord, ids: list[int]) -> Iterator[dict
             "stac_extensions": _EXTENSIONS,
             "id": f"{record.slug}-{photo.id}",
             "collection": record.slug,
-            **_place(e, found),
+            **places[photo.id],
             "properties": {name: value for name, value in properties.items() if value is not None}
             | ({"datetime": None} if properties["datetime"] is None else {}),
             "assets": _assets(record.slug, photo, e),
+            "links": [
+                {
+                    "rel": rel,
+                    "id": f"{record.slug}-{id}",  # readers of Panoramax take this and the geometry
+                    "geometry": places[id]["geometry"],
+                }
+                for rel, id in around[photo.id].items()
+                if id in places
+            ],
         }
 
 

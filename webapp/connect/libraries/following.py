@@ -53,6 +53,7 @@ def follow(
     for id, row in rows.items():
         photo = None if row.photo_id is None else photos.get(row.photo_id)
         asset = assets.get(id)
+        _settle(row, asset)
         if asset is None or row.checksum != asset.checksum:
             gone |= _leave(row, photo, asset=asset, by_gps=by_gps, shared=shared)
             continue
@@ -106,6 +107,16 @@ def _last(row: LinkedPhoto) -> LatLon | None:
 
 def _is_set_here(photo: Photo, by_gps: Collection[int]) -> bool:
     return photo.x_px is not None and photo.id not in by_gps
+
+
+def _settle(row: LinkedPhoto, asset: Asset | None) -> None:
+    """Note whether a position arrived that an earlier update was writing when it ended."""
+    if row.sent_lat is None or row.sent_lon is None or asset is None:
+        return
+    sent = LatLon(row.sent_lat, row.sent_lon)
+    if asset.position is not None and is_same(asset.position, sent):
+        row.lat, row.lon, row.written = sent.lat, sent.lon, True
+    row.sent_lat = row.sent_lon = None
 
 
 def _leave(

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import replace
 from typing import NamedTuple
 
 from flask import Blueprint, flash, render_template
@@ -13,27 +9,19 @@ from flask_babel import gettext as _
 from flask_babel import lazy_gettext
 from werkzeug.wrappers import Response
 
-from webapp.connect.libraries import records
-from webapp.connect.libraries.protocol import Album, LibraryClient
-from webapp.errors import ExpMapError, InputError, NotFound
-from webapp.settings import LibrarySettings
+from webapp.connect.libraries import asking, records
+from webapp.connect.libraries.api import blueprint
+from webapp.connect.libraries.protocol import Album
+from webapp.errors import ExpMapError
 from webapp.store.maps import maps
 from webapp.web import errors
-from webapp.web.concurrency import ConcurrencyLimit
-from webapp.web.context import account, library, settings
+from webapp.web.context import account, library
 from webapp.web.pages import back, page, text
 from webapp.web.state import AccountPage, Parts
 
 pages = Blueprint("library_pages", __name__)
 
-_limit = ConcurrencyLimit("photo libraries", share=0.25)
-pages.record(_limit.set_up)
-
-_PATIENCE_S = 5.0
-"""Timeout of a photo library, and longest pause that it may ask for, within a request."""
-
-_LIMIT_S = 20.0
-"""Total time of asking it within a request; the last try may take a few seconds more."""
+pages.record(asking.limit.set_up)
 
 _NAMES = {"immich": "Immich", "photoprism": "PhotoPrism"}
 _INTERVALS = {
@@ -63,15 +51,8 @@ def show() -> str:
 @pages.post("/account/libraries")
 def connect() -> Shown:
     """Connect a photo library if the address and the key are right; show its albums."""
-    kind, address, key = text("kind"), text("address"), text("key")
     try:
-        albums = _ask(
-            lambda asked, check: records.open_client(kind, address, key=key, settings=asked, check=check)
-        )
-        with library().database.write() as session:
-            added = records.connect(
-                session, account(), kind=kind, address=address, key=key, inner=library().inner
-            )
+        added, albums = asking.connect(text("kind"), text("address"), key=text("key"))
     except ExpMapError as error:
         return _page(error), errors.status_of(error)
     flash(_("The photo library is connected."), "success")
@@ -82,7 +63,7 @@ def connect() -> Shown:
 def choose(id: int) -> Shown:
     """Show the albums of a photo library."""
     try:
-        return _page(choice=_Choice(id, _albums(id)))
+        return _page(choice=_Choice(id, asking.list_albums(id)))
     except ExpMapError as error:
         return _page(error), errors.status_of(error)
 
@@ -91,14 +72,8 @@ def choose(id: int) -> Shown:
 def link(id: int) -> Shown:
     """Link an album with a map."""
     try:
-        album = next((one for one in _albums(id) if one.id == text("album")), None)
-        if album is None:
-            raise NotFound("album not found", hint="choose it again")
-        with library().database.write() as session:
-            record = maps.find(session, text("map"), account=account(), role="editor")
-            there = records.find(session, account().id, id=id)
-            every_h, back_too = _number("every_h"), bool(text("writes_back"))
-            records.link(session, there, record=record, album=album, every_h=every_h, writes_back=back_too)
+        every_h, back_too = _number("every_h"), bool(text("writes_back"))
+        asking.link(id, text("album"), slug=text("map"), every_h=every_h, writes_back=back_too)
     except ExpMapError as error:
         return _page(error), errors.status_of(error)
     flash(_("The photos are being fetched; the menu of jobs shows how far it is."), "success")
@@ -145,39 +120,6 @@ def unlink(id: int) -> Response:
     return back("library_pages.show")
 
 
-def _albums(id: int) -> list[Album]:
-    with library().database.read() as session:
-        there = records.find(session, account().id, id=id)
-    inner = library().inner
-    return _ask(lambda asked, check: records.client_of(there, inner, settings=asked, check=check))
-
-
-def _ask(make: Callable[[LibrarySettings, Callable[[], None]], LibraryClient]) -> list[Album]:
-    """List the albums of a photo library within the time of a request."""
-    until = time.monotonic() + _LIMIT_S
-
-    def check() -> None:
-        if time.monotonic() > until:
-            raise InputError("the photo library takes too long to answer", hint="try again later")
-
-    given = settings().libraries
-    asked = replace(
-        given,
-        timeout_s=min(given.timeout_s, _PATIENCE_S),
-        patience_s=min(given.patience_s, _PATIENCE_S),
-    )
-    with _limit.slot(), _closing(make(asked, check)) as client:
-        return client.albums()
-
-
-@contextmanager
-def _closing(client: LibraryClient) -> Iterator[LibraryClient]:
-    try:
-        yield client
-    finally:
-        client.http.close()
-
-
 def _number(name: str) -> int:
     given = text(name)
     return int(given) if given.isdecimal() and len(given) < 6 else -1
@@ -204,10 +146,10 @@ def _page(error: ExpMapError | None = None, *, choice: _Choice | None = None) ->
 
 
 PARTS = Parts(
-    blueprints=(pages,),
+    blueprints=(blueprint, pages),
     public_lists={},
     path_parameters={},
-    operations={},
+    operations={"api_photo_libraries.list_albums": {"statuses": [400, 422]}},
     account_pages=(
         AccountPage(
             "library_pages.show",

@@ -202,6 +202,12 @@ def counts(session: Session, albums: Sequence[LinkedAlbum]) -> dict[int, AlbumCo
     return found
 
 
+def linked_photos(session: Session, album: LinkedAlbum) -> list[LinkedPhoto]:
+    """List the photos of a linked album, by asset."""
+    mine = select(LinkedPhoto).where(LinkedPhoto.album_id == album.id)
+    return list(session.scalars(mine.order_by(LinkedPhoto.asset)))
+
+
 def queue(session: Session, album: LinkedAlbum, *, account_id: int | None) -> Job:
     """Queue an update of an album."""
     return jobs.enqueue(

@@ -261,13 +261,21 @@ class _Update:
             self._context.progress.check()
             there = assets[id].position
             if there is None or not is_same(there, position):
+                # first what is about to be written: otherwise, if the run is killed in between, the next one
+                # would take the position for one that somebody has set there
+                self._note(id, sent_lat=position.lat, sent_lon=position.lon)
                 self._client.set_position(id, position)
                 self._report.written += 1
-            with self._context.write() as session:
-                row = session.get(LinkedPhoto, (self._album.id, id))
-                if row is not None:
-                    row.lat, row.lon, row.written = position.lat, position.lon, True
+            arrived = {"lat": position.lat, "lon": position.lon, "written": True}
+            self._note(id, **arrived, sent_lat=None, sent_lon=None)
             self._context.progress.advance()
+
+    def _note(self, asset: str, **fields: Any) -> None:
+        with self._context.write() as session:
+            row = session.get(LinkedPhoto, (self._album.id, asset))
+            if row is not None:
+                for name, value in fields.items():
+                    setattr(row, name, value)
 
 
 def _is_new(asset: Asset, row: LinkedPhoto | None) -> bool:

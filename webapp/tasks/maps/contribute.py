@@ -2,29 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import logging
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import mode
 from typing import Any
 
 from sqlalchemy import select
+from sqlalchemy.orm import Session
 
 from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel
-from webapp.errors import Conflict, NotFound, TooMany, UsageError
+from webapp.errors import (
+    Conflict,
+    ExpMapError,
+    IndexDamaged,
+    NotFound,
+    NotReady,
+    PhotoError,
+    RetryLater,
+    TooMany,
+    UsageError,
+)
+from webapp.files.maps.folder import photo_path
 from webapp.files.part_file import sha256_of
+from webapp.progress import Progress
 from webapp.settings import ContributionSettings, Settings
 from webapp.store import contributions
 from webapp.store.contributions import Amount
 from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.maps.changing import MapChange
-from webapp.store.schema import Contribution, Photo, Share
+from webapp.store.schema import Contribution, MapRecord, Photo, Share
+from webapp.tasks.localize import upload
+from webapp.tasks.localize.map_cache import MapCache
+from webapp.tasks.localize.upload import LocalizeRequest, UploadedPhoto
 from webapp.tasks.maps.add_photo import IncomingPhoto, add_photo
 from webapp.tasks.maps.placing import RequestedPose, find_spots, needed_image, place_spots
 
+_log = logging.getLogger(__name__)
 _DAY_S = 86_400
 _PLACE = ("x_px", "y_px", "radius_px", "heading_deg", "probability")
 
@@ -73,13 +91,72 @@ def _check(size_bytes: int, *, today: Amount, waiting: Amount, limits: Contribut
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Suggestion:
+    """Where localization suggests that a photo was taken."""
+
+    place: Mapping[str, Any] | None = None  # The first hypothesis of an answer, if it probably is on the map
+    to_find: bool = False  # The map cannot be asked now, and is asked when it has an index
+
+
+def suggest(cache: MapCache, map_id: int, *, photo: UploadedPhoto) -> Suggestion:
+    """Ask the map for the place of a photo; with an index that is not ready, it is found later.
+
+    Raises:
+        PhotoError: It cannot be used.
+    """
+    try:
+        request = LocalizeRequest((photo,), top=1)
+        form = upload.localize_uploads(cache, map_id, request=request).form
+    except PhotoError:
+        raise
+    except ExpMapError as error:  # the photo waits all the same: people can place it
+        _log.info("no place is suggested for a visitor's photo: %s", error)
+        return Suggestion(to_find=isinstance(error, (NotReady, IndexDamaged, RetryLater)))
+    first = next(iter(form["hypotheses"]), None)
+    if first is None or first["x_px"] is None or first["probability"] <= form["off_map_probability"]:
+        return Suggestion()
+    return Suggestion(first)
+
+
+def suggest_later(
+    cache: MapCache,
+    map_id: int,
+    *,
+    write: Callable[[], AbstractContextManager[Session]],
+    progress: Progress,
+) -> int:
+    """Find the places of photos that were given while the map had no index; return their number.
+
+    Each is stored by itself, so that a run that was killed goes on with the others.
+    """
+    library = cache.library
+    with library.database.read() as session:
+        record = session.get_one(MapRecord, map_id)
+        waiting = [photo for _given, photo in contributions.to_find(session, record)]
+    if waiting:
+        progress.note("finding the places of photos from visitors")
+    for photo in waiting:
+        progress.check()
+        file = photo_path(library.cfg(record.slug), photo.path)
+        try:
+            found = suggest(cache, map_id, photo=UploadedPhoto(file, photo.name))
+        except PhotoError as error:
+            _log.warning("no place is suggested for a visitor's photo: %s", error)
+            found = Suggestion()
+        if found.to_find:
+            return 0  # other features than those of this index are used
+        with write() as session:
+            given = session.get(Contribution, (map_id, photo.id))
+            if given is not None:
+                _note(session, record, given=given, found=found)
+    return len(waiting)
+
+
 def contribute(
-    library: Library, map_id: int, *, given: Given, place: Mapping[str, Any] | None, settings: Settings
+    library: Library, map_id: int, *, given: Given, suggestion: Suggestion, settings: Settings
 ) -> int:
     """Take in a photo, and return its id: all of it is kept, or nothing.
-
-    Args:
-        place: The first hypothesis of an answer, if the photo is probably on the map.
 
     Raises:
         Conflict: The map has this photo, or had it.
@@ -108,18 +185,15 @@ def contribute(
             )
             yield change
             session.flush()
-            values = {name: None if place is None else place.get(name) for name in _PLACE}
-            session.add(
-                Contribution(
-                    map_id=map_id,
-                    photo_id=session.scalars(same).one(),
-                    share_id=given.share_id,
-                    visitor=given.visitor,
-                    size_bytes=size_bytes,
-                    floor=_floor(change, () if place is None else place["experiences"]),
-                    **values,
-                )
+            row = Contribution(
+                map_id=map_id,
+                photo_id=session.scalars(same).one(),
+                share_id=given.share_id,
+                visitor=given.visitor,
+                size_bytes=size_bytes,
             )
+            _note(session, change.record, given=row, found=suggestion)
+            session.add(row)
 
     photo = IncomingPhoto(given.file, given.name)
     return add_photo(library, map_id, photo=photo, settings=settings, by_gps=False, changing=changing).id
@@ -142,7 +216,12 @@ def accept(library: Library, map_id: int, *, photo_id: int, account_id: int) -> 
         place_spots(change.session, change.record, spots=spots, kind="place", account_id=account_id)
 
 
-def _floor(change: MapChange, ids: Sequence[int]) -> int:
-    """Return the most frequent floor of the photos behind a place."""
-    floors = [photo.floor for photo in maps.photos_by_id(change.session, change.record, ids).values()]
-    return mode(floors) if floors else BASE_FLOOR
+def _note(session: Session, record: MapRecord, *, given: Contribution, found: Suggestion) -> None:
+    """Note a suggested place, and its floor: the most frequent one of the photos behind it."""
+    given.to_find = found.to_find
+    if found.place is None:
+        return
+    for name in _PLACE:
+        setattr(given, name, found.place.get(name))
+    behind = maps.photos_by_id(session, record, found.place["experiences"]).values()
+    given.floor = mode([photo.floor for photo in behind] or [BASE_FLOOR])

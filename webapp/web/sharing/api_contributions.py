@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
@@ -10,14 +9,13 @@ from apiflask.fields import File, Float, Integer, List, Nested, String
 from flask import request
 from werkzeug.datastructures import FileStorage
 
-from webapp.errors import ExpMapError, NotFound, PhotoError, UsageError
+from webapp.errors import NotFound, UsageError
 from webapp.store import contributions, sharing
 from webapp.store.clock import now
-from webapp.store.schema import Contribution, Photo
+from webapp.store.schema import Contribution, MapRecord, Photo
 from webapp.store.sharing import OpenedShare
-from webapp.tasks.localize import readiness, upload
-from webapp.tasks.localize.upload import LocalizeRequest, UploadedPhoto
-from webapp.tasks.maps.contribute import Given, accept, check_allowance, contribute
+from webapp.tasks.localize import readiness
+from webapp.tasks.maps.contribute import Given, accept, check_allowance, contribute, suggest
 from webapp.web.context import (
     account,
     authorized_by,
@@ -39,7 +37,6 @@ visitors_api = APIBlueprint(
 visitors_api.before_request(limit_photo)
 waiting_api = APIBlueprint("api_waiting", __name__, url_prefix="/api/v1/maps/<slug>", tag="Sharing")
 
-_log = logging.getLogger(__name__)
 _MOST = 100
 """Photos that are listed at once."""
 
@@ -60,6 +57,7 @@ class GivenOut(Schema):
     """A photo that waits for the owners of the map."""
 
     found = Boolean(metadata={"description": "Whether the place where it was taken was found."})
+    searching = Boolean(metadata={"description": "Whether it is looked for later, when the map is ready."})
     x_px = Float(allow_none=True, metadata={"description": "That place on the image, if it was found."})
     y_px = Float(allow_none=True)
 
@@ -79,6 +77,7 @@ class WaitingOut(Schema):
     radius_px = Float(allow_none=True)
     heading_deg = Float(allow_none=True)
     probability = Float(allow_none=True)
+    searching = Boolean(metadata={"description": "Whether a place is looked for when the map is ready."})
 
 
 class WaitingList(Schema):
@@ -115,29 +114,19 @@ def give(token: str, given: dict[str, Any]) -> dict[str, Any]:
     with visitors_limit.slot(), received(opened.map, [file], again=None) as (photo,):
         size_bytes = photo.path.stat().st_size
         check_allowance(library(), opened.share, visitor=visitor, size_bytes=size_bytes, limits=limits)
-        place = _place(opened, photo)
+        suggestion = suggest(map_cache(), opened.map.id, photo=photo)
         sent = Given(opened.share.id, visitor, photo.path, photo.name)
-        contribute(library(), opened.map.id, given=sent, place=place, settings=settings())
-    return {"found": place is not None, "x_px": None, "y_px": None} | (
-        {} if place is None else {"x_px": place["x_px"], "y_px": place["y_px"]}
-    )
+        contribute(library(), opened.map.id, given=sent, suggestion=suggestion, settings=settings())
+    if suggestion.to_find:
+        _find_later(opened.map)
+    place = suggestion.place
+    at = {name: None if place is None else place[name] for name in ("x_px", "y_px")}
+    return {"found": place is not None, "searching": suggestion.to_find, **at}
 
 
-def _place(opened: OpenedShare, photo: UploadedPhoto) -> dict[str, Any] | None:
-    """Return the first hypothesis, if it is more probable than that the photo is not on the map."""
-    try:
-        wish = LocalizeRequest((photo,), top=1)
-        form = upload.localize_uploads(map_cache(), opened.map.id, request=wish).form
-    except PhotoError:
-        raise
-    except ExpMapError as error:  # the photo waits all the same: people can place it
-        _log.info("no place is suggested for a visitor's photo: %s", error)
-        readiness.build_first(library(), opened.map, settings=settings())
-        return None
-    first: dict[str, Any] | None = next(iter(form["hypotheses"]), None)
-    if first is None or first["x_px"] is None or first["probability"] <= form["off_map_probability"]:
-        return None
-    return first
+def _find_later(record: MapRecord) -> None:
+    """Have the index built, or looked at again: its job then finds the places of photos that wait."""
+    readiness.build_first(library(), record, settings=settings())
 
 
 @waiting_api.get("/contributions")
@@ -152,6 +141,8 @@ def _all_waiting(slug: str) -> dict[str, Any]:
     with reading_map(slug, "editor") as (session, record):
         found = contributions.waiting(session, record, most=_MOST)
         count = contributions.waiting_amount(session, record.id).photos
+    if any(given.to_find for given, _photo in found):
+        _find_later(record)
     return {"photos": [_waiting(slug, *row) for row in found], "waiting": count}
 
 
@@ -180,4 +171,5 @@ def _waiting(slug: str, given: Contribution, photo: Photo) -> dict[str, Any]:
         "radius_px": given.radius_px,
         "heading_deg": given.heading_deg,
         "probability": given.probability,
+        "searching": given.to_find,
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from flask import Blueprint, render_template
 
 from webapp.errors import NotFound
+from webapp.files.localize.models import NETWORKS, missing_networks
 from webapp.store import sharing
 from webapp.store.maps import maps
 from webapp.store.sharing import OpenedShare
@@ -12,7 +13,7 @@ from webapp.tasks.localize.index_location import has_landmarks
 from webapp.tasks.maps.walk import stops_of, walk_along
 from webapp.web import errors
 from webapp.web.accounts.security import allow_framing
-from webapp.web.context import account, library, public, reading_map
+from webapp.web.context import account, library, public, reading_map, settings
 from webapp.web.localize.answers import answer_colours
 from webapp.web.maps import state
 from webapp.web.maps.state import written_facts
@@ -89,7 +90,9 @@ def contributions(slug: str) -> str:
             "can_edit": role in ("editor", "owner"),
             "satellite": state.satellite_json(record),
         }
-    return render_template("sharing/contributions.html", map=record, page=data)
+    missing = missing_networks(settings().models)
+    data["searches"] = len(missing) < len(NETWORKS)
+    return render_template("sharing/contributions.html", map=record, page=data, missing=missing)
 
 
 def _page(token: str, *, framed: bool, walks: bool = True) -> _Page:
