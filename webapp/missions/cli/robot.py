@@ -229,7 +229,7 @@ def recover(spool: Path, url: str | None, token: str | None, patience: float) ->
 
 @click.command()
 @click.argument("spool", type=_SPOOL)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def status(spool: Path, as_json: bool) -> None:
     """Show what is in the folder SPOOL, even while the robot is writing to it."""
     found = read_content(spool)
