@@ -232,11 +232,11 @@ def _copy_line(one: PhotoCopy) -> str:
 )
 @click.option(
     "--panoramas", "assume", is_flag=True,
-    help="Treat all photos twice as wide as high as panoramas, even without panorama metadata.",
+    help="Treat all photos twice as wide as high as panoramas, even without metadata.",
 )  # fmt: skip
 @click.option(
     "--mask", type=_FILE, metavar="IMAGE",
-    help="Mask of the panoramas: black where the robot is, so that nothing is recognised there.",
+    help="Mask of the panoramas: nothing is recognised where it is black.",
 )  # fmt: skip
 @click.option(
     "--lowest", default=90.0, show_default=True, type=_ELEVATION, metavar="DEGREES",

@@ -40,7 +40,7 @@ _TARGET_OPTIONS = [
 _start_option = click.option(
     "--start",
     metavar="LAT,LON,HEADING",
-    help="Where the robot started, in degrees: for poses in its own frame.",
+    help="Where the robot started, and its heading in degrees clockwise from north.",
 )
 every_option = click.option(
     "--every", type=click.FloatRange(0.1), default=2.0, show_default=True, metavar="S",
