@@ -24,7 +24,7 @@ from webapp.cli import options  # noqa: E402
 PAGE = ROOT / "docs" / "commands.md"
 SHARED = "Options that `build`, `localize` and `evaluate` share"
 COMMON = "Options of many commands"
-_MANY = 4
+_MANY = 3
 """Commands from which on an option that is the same in all of them is explained once."""
 
 _LIMITS = {
@@ -38,7 +38,7 @@ _LIMITS = {
 """How limits are written in `--help`, and here: those that go without saying are left out."""
 
 _MADE = re.compile(
-    r"\A\n*```\n(?:.*\n)+?```\n|^(?:- `-.*\n)+|^Also (?:\[`--|the options).*\n"
+    r"\A\n*`expmap [^`\n]*`\n|^(?:- `-.*\n)+|^Also (?:\[`--|the options).*\n"
     r"|^\| option \| what \|\n(?:\|.*\n)+",  # a list written by hand as a table
     re.MULTILINE,
 )
@@ -94,24 +94,25 @@ def own(command: click.Command) -> list[click.Option]:
 def common_rows(table: Mapping[str, click.Command]) -> dict[str, str]:
     """Return the lines, by names of options, of those that are the same in many commands."""
     lines = [(p.opts[-1], row(p, c)) for c in table.values() for p in own(c) if p.name not in shared_names()]
-    kinds = Counter(name for name, _ in set(lines))
-    return {name: line for (name, line), n in Counter(lines).items() if n >= _MANY and kinds[name] == 1}
+    rarest_first = reversed(Counter(lines).most_common())
+    return dict(sorted({name: line for (name, line), n in rarest_first if n >= _MANY}.items()))
 
 
 def section(words: str, command: click.Command, *, prose: str, common: Mapping[str, str]) -> str:
     """Return the section of a command: usage, what is written by hand, its options, links to the others."""
-    context = click.Context(command, help_option_names=["-h", "--help"])
-    usage = " ".join((words, *command.collect_usage_pieces(context)))
+    pieces = command.collect_usage_pieces(click.Context(command))
+    usage = " ".join(piece for piece in pieces if piece != "[OPTIONS]")
     shared = [p for p in own(command) if p.name in shared_names()]
-    elsewhere = [p for p in own(command) if p.opts[-1] in common]
+    elsewhere = [p for p in own(command) if common.get(p.opts[-1]) == row(p, command)]
     rows = "".join(row(p, command) for p in own(command) if p not in (*shared, *elsewhere))
     also = [f"[`{p.opts[-1]}`](#{anchor(COMMON)})" for p in elsewhere]
     if shared:
         also.insert(0, f"the options [below](#{anchor(SHARED)})")
-    parts = [f"## `{words}`", f"```\n{usage}\n```", prose or " ".join((command.help or "").split())]
+    parts = [f"## `{words}`", f"`{words} {usage}`" if usage else ""]
+    parts += [prose or " ".join((command.help or "").split())]
     parts += [rows] if rows else []
     parts += ["Also " + ", ".join(also) + "."] if also else []
-    return "\n\n".join(part.strip() for part in parts) + "\n\n"
+    return "\n\n".join(part.strip() for part in parts if part) + "\n\n"
 
 
 def anchor(title: str) -> str:

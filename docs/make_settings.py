@@ -47,9 +47,9 @@ def _fields_of(node: ast.ClassDef, group: str) -> dict[str, str]:
 
 
 def line(setting: Setting, text: str) -> str:
-    """Return the line of a setting: its key, variable, default and description."""
+    """Return the line of a setting: its key, default and description."""
     default = "none" if setting.default is None else str(setting.default).removesuffix(".0")
-    return f"- `{setting.key}`, `{setting.variables[0]}` ({default}): {text}\n"
+    return f"- `{setting.key}` ({default}): {text}\n"
 
 
 def page(text: str) -> str:

@@ -33,7 +33,7 @@ class PhotoLimits:
     """Limits of a photo; larger ones are rejected."""
 
     max_mb: float = 64.0
-    """File size, megabytes (10^6 bytes)."""
+    """File size, MB."""
 
     max_megapixels: float = 120.0
     """Pixels of the decoded photo, millions; for WebP and JPEG 2000 a third of this."""
@@ -44,7 +44,7 @@ class UploadLimits:
     """Limits of uploads through the web."""
 
     chunk_mb: float = 4.0
-    """Largest chunk of a resumable upload, megabytes (10^6 bytes)."""
+    """Largest chunk of a resumable upload, MB."""
 
     files_per_request: int = 200
     """Photos in one request."""
@@ -56,7 +56,7 @@ class UploadLimits:
     """Hours for which an unfinished upload can be resumed."""
 
     reserve_mb: Annotated[float, AtLeast(0)] = 200.0
-    """Disk space that uploads and unpacked maps must leave free, megabytes (10^6 bytes)."""
+    """Disk space that uploads and unpacked maps must leave free, MB."""
 
     queries_per_map: int = 500
     """Stored queries per map, with their photos and answers; the oldest are deleted first."""
@@ -67,13 +67,13 @@ class FileLimits:
     """What reading a file with tracks may cost; it is read in a process of its own."""
 
     memory_mb: Annotated[float, AtLeast(50)] = 500.0
-    """Memory, megabytes (10^6 bytes), in addition to some 50 MB of the process itself."""
+    """Memory, MB, in addition to some 50 MB of the process itself."""
 
     cpu_s: float = 20.0
     """CPU time, seconds."""
 
     cpu_s_per_mb: Annotated[float, AtLeast(0)] = 10.0
-    """Further CPU time for each megabyte (10^6 bytes) of the file, seconds."""
+    """Further CPU time for each MB of the file, seconds."""
 
     request_s: float = 10.0
     """Seconds that a request may take to read a small file; after that, a job reads it."""
@@ -87,7 +87,7 @@ class ImportLimits:
     """Limits of a zip archive with a map."""
 
     max_mb: float = 20_000.0
-    """Total size of the unpacked files, megabytes (10^6 bytes)."""
+    """Total size of the unpacked files, MB."""
 
     max_files: int = 50_000
     """Number of files and folders, and of lines in its `.cfg` files."""
@@ -112,7 +112,7 @@ class RetrievalSettings:
     """How a map is searched."""
 
     memory_mb: Annotated[float, AtLeast(0)] = 500.0
-    """Memory limit of a map's index, megabytes (10^6 bytes); above it, photos have one signature each."""
+    """Memory limit of a map's index, MB; above it, photos have one signature each."""
 
     shortlist: int = 12
     """Map photos per query whose geometry is verified: those with the most votes."""
@@ -137,7 +137,7 @@ class WebSettings:
     """Limits of the pages and the API."""
 
     max_request_mb: float = 2000.0
-    """Largest request, megabytes (10^6 bytes); a satellite image is uploaded in one request."""
+    """Largest request, MB; a satellite image is uploaded in one request."""
 
     requests_per_minute: int = 6000
     """API requests per account or IP address, per worker process, or in total with PostgreSQL."""
@@ -238,7 +238,7 @@ class SatelliteLimits:
     """Limits of a satellite image; larger ones are rejected."""
 
     max_mb: float = 1000.0
-    """Size of an uploaded file, megabytes (10^6 bytes)."""
+    """Size of an uploaded file, MB."""
 
     max_megapixels: float = 300.0
     """Pixels, millions."""

@@ -75,7 +75,7 @@ def test_all_features_and_their_models_are_explained(project):
 def test_settings_are_listed_as_the_program_has_them(project):
     text = (project / "docs" / "settings.md").read_text("utf-8")
     assert make_settings.page(text) == text, "run docs/make_settings.py"
-    photo = "- `photo.max_mb`, `EXPMAP_PHOTO_MAX_MB` (64): File size, megabytes (10^6 bytes).\n"
+    photo = "- `photo.max_mb` (64): File size, MB.\n"
     assert photo in text
     assert make_settings.page(text.replace(photo, "- `photo.gone`: Gone.\n")) == text
 
@@ -85,10 +85,13 @@ def test_every_setting_says_what_it_is_for():
     assert [key for key in settings_table() if not said.get(key, "").endswith(".")] == []
 
 
-def test_every_environment_variable_is_explained(project):
+def test_every_environment_variable_follows_from_its_setting_or_is_named(project):
     text = (project / "docs" / "settings.md").read_text("utf-8")
-    known = {name for setting in settings_table().values() for name in setting.variables}
-    assert set(re.findall(r"`(EXPMAP_[A-Z_]+)`", text)) == known | {CONFIG}
+    variables = [setting.variables for setting in settings_table().values()]
+    keys = list(settings_table())
+    assert [first for first, *_ in variables] == [f"EXPMAP_{k.upper().replace('.', '_')}" for k in keys]
+    named = set(re.findall(r"`(EXPMAP_[A-Z_]+)`", text))
+    assert named == {name for _, *others in variables for name in others} | {CONFIG, "EXPMAP_WEB_PROXIES"}
 
 
 def test_every_error_is_explained_with_its_exit_code(project):

@@ -84,7 +84,7 @@ def problem(line):
             return f"no command {words[0]}"
         command, words = found, words[1:]
         context = click.Context(command, **root.context_settings)  # click caches the help option
-    if not words or "[OPTIONS]" in words:
+    if not words or any(word.startswith(("[", "{")) for word in words):  # a usage line
         return None
     try:
         values, rest, _ = command.make_parser(context).parse_args(words)

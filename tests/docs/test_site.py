@@ -15,6 +15,8 @@ LOADS = {("script", "src"), ("img", "src"), ("iframe", "src"), ("source", "src")
 MOST_WORDS = 1200
 """Limit of a guide."""
 
+MOST_WORDS_IN_ALL = 70_000
+
 HARMLESS = {"canonical", "alternate", "next", "prev"}
 
 
@@ -64,6 +66,12 @@ def test_guides_are_short():
     guides = {page for part in ("Maps", "Robots", "Operating") for page in pages[part]} | {"localization.md"}
     words = {page: len((ROOT / "docs" / page).read_text("utf-8").split()) for page in guides}
     assert {page: n for page, n in words.items() if n > MOST_WORDS} == {}
+
+
+def test_all_pages_together_can_be_read(project_pages):
+    """A fact stands in one place, and other pages link to it."""
+    texts = [text for _, text in project_pages] + [(ROOT / "README.md").read_text("utf-8")]
+    assert sum(len(text.split()) for text in texts) < MOST_WORDS_IN_ALL
 
 
 def test_pages_load_nothing_from_another_host(site):

@@ -25,7 +25,7 @@ _KINDS = {"face": "face", "plate": "number plate"}
     "--least-score", type=click.FloatRange(0.0, 1.0), default=0.0, metavar="SCORE",
     help="Leave out detections with a lower score, from 0 to 1.",
 )  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.pass_context
 def blur(ctx: click.Context, cfg: Path, accept: bool, least_score: float, as_json: bool) -> None:
     """Find faces and number plates in the photos of a map that are not blurred yet.

@@ -24,7 +24,7 @@ from webapp.tasks.localize.open_map import BuildReport
 @click.argument("map_file", metavar="MAP.cfg", type=MAP_FILE)
 @index_options
 @map_options
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def build(map_file: Path, as_json: bool, **chosen: Any) -> None:
     """Build the index of a map, or bring it up to date.
 

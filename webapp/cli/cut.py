@@ -46,7 +46,7 @@ _ELEVATION = click.FloatRange(0.0, 90.0)
     is_flag=True,
     help="Also cut photos twice as wide as high that have no panorama metadata (XMP).",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON array.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.pass_context
 def cut_panoramas(
     ctx: click.Context,
@@ -97,7 +97,7 @@ def _line(one: CutPhoto) -> str:
     "--width", type=click.IntRange(64), metavar="PX",
     help="Width of the panoramas; default: as many pixels per degree as the photos.",
 )  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON array.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.pass_context
 def join_panoramas(
     ctx: click.Context,
@@ -155,7 +155,7 @@ def _joined_line(one: JoinedPanorama) -> str:
     "--fov", type=click.FloatRange(1.0, 179.0), metavar="DEGREES",
     help="Horizontal field of view, to be written into the photos.",
 )  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def cut_video(
     video: Path,
     out: Path,

@@ -83,7 +83,7 @@ _QUERIES = click.Path(exists=True, dir_okay=False, path_type=Path)
     "-o", "--output", type=click.Path(file_okay=False, path_type=Path), metavar="FOLDER",
     help="Write a report to this folder.",
 )  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object; with --self a list of them.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option(
     "--seed",
     type=int,

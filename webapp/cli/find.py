@@ -33,7 +33,7 @@ from webapp.tasks.localize.upload import UploadedPhoto
     metavar="N",
     help="Maximum number of places on each map.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON array, one object per photo.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @library_option
 def find(photos: tuple[Path, ...], top: int, as_json: bool, library: Path | None) -> None:
     """Find out on which map of a library each photo was taken.

@@ -37,7 +37,7 @@ _IMAGE = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option("--image", type=_IMAGE, metavar="FILE", help="Its plan: PNG, JPEG or TIFF.")
 @click.option("--remove", metavar="NAME", help="Remove a floor, by its name or level.")
 @click.option("--tray", is_flag=True, help="Move the photos of the removed floor to the tray.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def floors(
     cfg: Path,
     add: str | None,

@@ -39,7 +39,7 @@ from webapp.tasks.maps import export
     "--export", "out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
     help="Write all points to such a table.",
 )  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def points(cfg: Path, table: Path | None, remove: tuple[str, ...], out: Path | None, as_json: bool) -> None:
     """List the control points of a map, the largest residual first.
 

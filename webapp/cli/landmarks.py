@@ -32,7 +32,7 @@ from webapp.tasks.landmarks.stored import export_models, names_of_photos
     "-o", "--out", type=click.Path(path_type=Path), metavar="FOLDER",
     help="Write the models for other programs: COLMAP's text files, and the points as PLY.",
 )  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def build(cfg: Path, out: Path | None, as_json: bool) -> None:
     """Join the photos of a map, including those in the tray, into pieces, and place these on the map.
 

@@ -137,7 +137,7 @@ _LOOK_AGAIN = "a second look can make uncertain answers more certain; it needs m
     metavar="N",
     help="Maximum number of places.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON array, one object per photo.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("--matches", type=_PICTURE, metavar="OUT.png", help="Draw the query next to the best photo.")
 @click.option("--picture", type=_PICTURE, metavar="OUT.png", help="Draw the hypotheses on the map.")
 @sequence_options

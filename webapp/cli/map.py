@@ -48,7 +48,7 @@ _NORTH = {"T": "true north", "M": "magnetic north", None: "unknown north"}
 
 @click.command("check")
 @click.argument("cfg", metavar="MAP.cfg", type=click.Path(path_type=Path))
-@click.option("--json", "as_json", is_flag=True, help="Print all findings as one JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.pass_context
 def check(ctx: click.Context, cfg: Path, as_json: bool) -> None:
     """Check a map file and say how to fix what is wrong.
@@ -158,7 +158,7 @@ def calibrate_command(cfg: Path, queries: Path | None, forget: bool, **chosen: A
 @click.option(
     "--in-place", is_flag=True, help="Change the photos themselves; the originals are kept as NAME_original."
 )
-@click.option("--json", "as_json", is_flag=True, help="Print the list as one JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.pass_context
 def write_exif(ctx: click.Context, cfg: Path, out: Path | None, in_place: bool, as_json: bool) -> None:
     """Write the positions and headings of a map into the EXIF of its photos: into copies, or in place.
@@ -232,11 +232,11 @@ def _copy_line(one: PhotoCopy) -> str:
 )
 @click.option(
     "--panoramas", "assume", is_flag=True,
-    help="Treat all photos twice as wide as high as panoramas, even without panorama metadata.",
+    help="Treat all photos twice as wide as high as panoramas, even without metadata.",
 )  # fmt: skip
 @click.option(
     "--mask", type=_FILE, metavar="IMAGE",
-    help="Mask of the panoramas: black where the robot is, so that nothing is recognised there.",
+    help="Mask of the panoramas: nothing is recognised where it is black.",
 )  # fmt: skip
 @click.option(
     "--lowest", default=90.0, show_default=True, type=_ELEVATION, metavar="DEGREES",
@@ -248,7 +248,7 @@ def _copy_line(one: PhotoCopy) -> str:
 )  # fmt: skip
 @click.option("--copy", is_flag=True, help="Copy photos and image from elsewhere into the map's folder.")
 @click.option("--force", is_flag=True, help="Replace a map that exists; its photos keep their ids.")
-@click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.pass_context
 def from_photos(
     ctx: click.Context,

@@ -17,7 +17,7 @@ from webapp.tasks.operate.models import ModelCheck, check_models
 
 
 @click.command("list")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON array.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def list_models(as_json: bool) -> None:
     """List the models and whether they are installed.
 
@@ -64,7 +64,7 @@ def fetch(names: tuple[str, ...], source: Path | None) -> None:
 
 
 @click.command()
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON array.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def check(as_json: bool) -> None:
     """Try each installed model on a pair of pictures, which the program draws.
 

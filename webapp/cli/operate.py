@@ -159,7 +159,7 @@ _SIGNS = {"ok": "ok     ", "warning": "warning", "failing": "FAILING"}
 @click.option(
     "--port", type=click.IntRange(1, 65535), default=8000, show_default=True, metavar="N", help="Its port."
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON array.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def doctor(library: Path | None, host: str, port: int, as_json: bool) -> None:
     """Check this installation and a library, and say what to do.
 

@@ -92,10 +92,9 @@ _INDEX_OPTIONS: list[Decorator] = [
         type=click.Choice(METHODS),
         default="auto",
         show_default=True,
-        help="auto: verified, and a second look with learned features where it is not sure and their models "
-        "are installed; vote: most matches; verified: geometry, position and probabilities; thorough: the "
-        "same with a network that matches photos, which takes seconds; landmarks: the camera pose is solved "
-        "from the points of expmap landmarks build.",
+        help="auto: verified, and a second look with learned features where it is not sure; vote: most "
+        "matches; verified: geometry, position and probabilities; thorough: the same with a network that "
+        "matches photos, in seconds; landmarks: the camera pose from the points of expmap landmarks build.",
     ),
     click.option(
         "--budget",

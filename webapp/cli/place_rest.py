@@ -40,7 +40,7 @@ from webapp.tasks.photo_plan import direction_of
 @click.option(
     "--check", is_flag=True, help="List the placed photos by how far they are from where the others put them."
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def place_rest(
     cfg: Path, accept: bool, within: float | None, correct: bool, check: bool, as_json: bool
 ) -> None:

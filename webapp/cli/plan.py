@@ -50,7 +50,7 @@ _BY = {
     "--gpx", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
     help="Write the spots to a GPX file for a phone, as waypoints and a route.",
 )  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def plan(
     cfg: Path,
     spots: int,

@@ -48,7 +48,7 @@ from webapp.tasks.street.survey import (
 )  # fmt: skip
 @click.option("--dry-run", is_flag=True, help="Show what there is, but download nothing.")
 @click.option("--yes", is_flag=True, help="Download without asking.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.pass_context
 def street_photos(
     ctx: click.Context,

@@ -40,7 +40,7 @@ _TARGET_OPTIONS = [
 _start_option = click.option(
     "--start",
     metavar="LAT,LON,HEADING",
-    help="Where the robot started, in degrees: for poses in its own frame.",
+    help="Where the robot started, and its heading in degrees clockwise from north.",
 )
 every_option = click.option(
     "--every", type=click.FloatRange(0.1), default=2.0, show_default=True, metavar="S",
@@ -229,7 +229,7 @@ def recover(spool: Path, url: str | None, token: str | None, patience: float) ->
 
 @click.command()
 @click.argument("spool", type=_SPOOL)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def status(spool: Path, as_json: bool) -> None:
     """Show what is in the folder SPOOL, even while the robot is writing to it."""
     found = read_content(spool)
