@@ -164,8 +164,9 @@ def test_the_legend_on_a_phone_is_whole(open_context, owner, mission, send):
     assert legend.evaluate("one => one.parentElement.scrollWidth - one.parentElement.clientWidth") <= 0
     offer = page.locator("#ground-offer")
     expect(offer).to_be_visible()
-    shown = legend.bounding_box()
+    shown, whole = legend.locator("..").bounding_box(), page.locator("#map-canvas").bounding_box()
     assert offer.bounding_box()["y"] > shown["y"] + shown["height"]
+    assert shown["width"] * shown["height"] <= whole["width"] * whole["height"] / 4
 
 
 def test_colours_have_a_legend(page, mission, send):

@@ -30,6 +30,7 @@ def test_in_a_low_window_the_map_has_a_least_height_and_the_page_scrolls(make_pa
     page.goto(re.sub("/[a-z]+$", f"/{tab}", page.url))
     box = page.locator("#map-canvas").bounding_box()
     assert box["height"] >= LEAST_PX
+    expect(page.get_by_role("link", name="Missions")).to_be_in_viewport()
     assert page.evaluate("document.documentElement.scrollHeight > innerHeight + 100")
     page.evaluate("window.scrollTo(0, 9999)")
     assert page.evaluate("window.scrollY > 100")

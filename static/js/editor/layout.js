@@ -1,7 +1,7 @@
 /** Layout of the page: resizable parts, and on a phone a sheet for the photos. */
 
 import { byId, preventTextDrag, queryAll } from "../shared/dom.js";
-import { tn } from "../shared/i18n.js";
+import { t, tn } from "../shared/i18n.js";
 import { connectTabs } from "../shared/tabs.js";
 
 const KEPT = "expmap.editor-layout";
@@ -108,7 +108,7 @@ function sheet(store) {
   store.on("current", () => phone.matches && open(false));
   const count = () => {
     const left = store.unplaced().length;
-    byId("side-toggle-label").textContent = tn("Photos: {n} in the tray", "Photos: {n} in the tray", left);
+    byId("side-toggle-label").textContent = left ? tn("Photos: {n} in the tray", "Photos: {n} in the tray", left) : t("Photos");
   };
   store.on("photos placement", count);
   count();

@@ -43,7 +43,11 @@ export class PhotoGrid {
     const { store } = this;
     const unplaced = store.unplaced().length;
     const counts = { all: store.order.length, placed: store.order.length - unplaced, unplaced };
-    for (const button of this._filters) button.querySelector("[data-count]").textContent = String(counts[button.dataset.filter]);
+    for (const button of this._filters) {
+      const count = button.querySelector("[data-count]");
+      count.textContent = String(counts[button.dataset.filter]);
+      count.toggleAttribute("hidden", !counts[button.dataset.filter]);
+    }
     this.grid.show(this.order.shown(), reveal);
     this._empty(counts);
     this._withoutGps();
