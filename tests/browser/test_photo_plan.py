@@ -71,6 +71,20 @@ def test_spots_are_planned_on_the_image(page, planned):
     expect(page.get_by_role("button", name="Top left corner of the area")).to_have_count(0)
 
 
+def test_the_dialog_says_which_photos_join_and_between_which_some_are_missing(page, planned):
+    EditPage(page, planned).open()
+    page.locator("#add-menu summary").click()
+    page.locator("#plan-button").click()
+    page.get_by_test_id("pieces-check").click()
+    outcome = page.get_by_test_id("pieces-outcome")
+    expect(outcome).to_contain_text(re.compile(r"pieces?, of|No photos join"), timeout=PATIENCE_MS)
+    gap = page.get_by_test_id("pieces-gap").first
+    expect(gap).to_contain_text(re.compile("in common"))
+    expect(gap.get_by_role("button")).to_have_count(2)
+    expect(page.get_by_test_id("pieces-check")).to_be_enabled()
+    assert axe.findings(page) == []
+
+
 def test_a_phone_is_led_to_the_spots_and_ticks_them_off_without_a_network(
     open_context, owner, api, planned, small_photos
 ):

@@ -12,6 +12,7 @@ from webapp.files.maps.folder import read_map, write_map
 from webapp.store.library import open_library
 from webapp.store.maps import edits
 from webapp.store.schema import Account, Photo
+from webapp.tasks.landmarks.photo_pieces import PhotoGap, PiecesReport
 from webapp.tasks.landmarks.place_rest import (
     CheckedPhoto,
     CorrectedPlace,
@@ -184,3 +185,48 @@ def test_a_limit_without_accepting_is_refused(expmap, cfg):
     code, _, err = expmap("map", "place-rest", cfg, "--within", 20)
     assert code == 2
     assert "--within can only be used with --accept" in err
+
+
+PIECES = PiecesReport(
+    revision=1,
+    names={n: f"photos/{n}.jpg" for n in range(5)},
+    pieces=((0, 1, 2),),
+    alone=(3,),
+    bridges=(2,),
+    gaps=(PhotoGap(3, 2, 14), PhotoGap(3, 1, 0)),
+    place_next=(0, 2),
+    failed={4: "it is not an image"},
+)
+
+
+def test_pieces_are_listed_with_the_photos_between_which_others_are_missing(expmap, cfg, monkeypatch):
+    monkeypatch.setattr(place_rest.photo_pieces, "check_pieces", lambda *_, **__: PIECES)
+    code, out, err = expmap("map", "place-rest", cfg, "--pieces")
+    assert code == 0
+    assert out.splitlines() == [
+        "piece 1: 3 photos, photos/0.jpg, photos/1.jpg, photos/2.jpg",
+        "in no piece: photos/3.jpg",
+        "almost connects pieces: photos/2.jpg",
+        "take photos between photos/3.jpg and photos/2.jpg: they share 14 points",
+        "take photos between photos/3.jpg and photos/1.jpg: they show nothing in common",
+    ]
+    assert "1 piece of 3 photos, photos in none: 1" in err
+    assert "place these photos by hand first (ids): 0, 2" in err
+    assert "warning: photos/4.jpg (id 4): it is not an image" in err
+    code, out, _ = expmap("map", "place-rest", cfg, "--pieces", "--json")
+    assert code == 0
+    assert json.loads(out) == {
+        "revision": 1,
+        "pieces": [[0, 1, 2]],
+        "alone": [3],
+        "bridges": [2],
+        "gaps": [{"photo": 3, "other": 2, "matches": 14}, {"photo": 3, "other": 1, "matches": 0}],
+        "place_next": [0, 2],
+        "failed": [{"id": 4, "reason": "it is not an image"}],
+    }
+
+
+def test_pieces_are_only_looked_at(expmap, cfg):
+    code, _, err = expmap("map", "place-rest", cfg, "--pieces", "--accept")
+    assert code == 2
+    assert "--pieces cannot be used with --accept, --correct or --check" in err

@@ -836,6 +836,13 @@ export interface components {
             /** @description Id of the corrected track. */
             track?: number;
         };
+        GapOut: {
+            /** @description What they have in common; 0: nothing. */
+            matches?: number;
+            /** @description The photo that shows most of the same, or was taken next. */
+            other?: number;
+            photo?: number;
+        };
         GeoreferenceIn: {
             /**
              * @description `top_left` and `bottom_right`, or all four.
@@ -2077,6 +2084,23 @@ export interface components {
         PhotosIn: {
             /** @description repeated: one for each photo, and for the `.xmp` and JSON of Google beside photos */
             file: string[];
+        };
+        PiecesOut: {
+            /** @description Photos in no piece. */
+            alone?: number[];
+            /** @description Photos that show the same as one outside. */
+            bridges?: number[];
+            /** @description Whether nothing was changed since. */
+            current?: boolean;
+            gaps?: components["schemas"]["GapOut"][];
+            /** @description Id of the job that is checking them now. */
+            job?: number | null;
+            /** @description The largest first. */
+            pieces?: number[][];
+            /** @description Photos to place by hand first. */
+            place_next?: number[];
+            /** @description Of the map then; null: not checked yet. */
+            revision?: number | null;
         };
         PlaceOut: {
             east?: number;

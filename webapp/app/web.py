@@ -35,7 +35,7 @@ from webapp.store.library import Library
 from webapp.web import installable, make_app, manual
 from webapp.web.accounts import api_accounts, codes
 from webapp.web.accounts import pages as accounts_pages
-from webapp.web.landmarks import api_cloud, api_place_rest, api_points
+from webapp.web.landmarks import api_cloud, api_pieces, api_place_rest, api_points
 from webapp.web.landmarks import pages as landmarks_pages
 from webapp.web.localize import api_localize, api_queries
 from webapp.web.localize import pages as localize_pages
@@ -94,6 +94,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     localize_pages.blueprint,
     api_cloud.blueprint,
     api_points.blueprint,
+    api_pieces.pieces_api,
     api_place_rest.landmarks_api,
     landmarks_pages.blueprint,
     api_blur.blur_api,

@@ -11,7 +11,8 @@ import click
 from webapp.cli.composition import settings_in_use
 from webapp.cli.options import MAP_FILE
 from webapp.cli.progressbar import terminal_progress
-from webapp.settings import keep_freed_memory
+from webapp.settings import Settings, keep_freed_memory
+from webapp.tasks.landmarks import photo_pieces
 from webapp.tasks.landmarks.accept import (
     accept_in_folder,
     accept_in_library,
@@ -20,6 +21,7 @@ from webapp.tasks.landmarks.accept import (
     library_of,
     owner_of,
 )
+from webapp.tasks.landmarks.photo_pieces import PiecesReport
 from webapp.tasks.landmarks.place_rest import RestReport, suggest_rest
 from webapp.tasks.landmarks.stored import as_json as report_as_json
 from webapp.tasks.photo_plan import direction_of
@@ -40,9 +42,19 @@ from webapp.tasks.photo_plan import direction_of
 @click.option(
     "--check", is_flag=True, help="List the placed photos by how far they are from where the others put them."
 )
+@click.option(
+    "--pieces", is_flag=True,
+    help="Check in seconds which photos can be joined at all, and where photos are missing.",
+)  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def place_rest(
-    cfg: Path, accept: bool, within: float | None, correct: bool, check: bool, as_json: bool
+    cfg: Path,
+    accept: bool,
+    within: float | None,
+    correct: bool,
+    check: bool,
+    pieces: bool,
+    as_json: bool,
 ) -> None:
     """Suggest where the photos in the tray of a map were taken, using the photos already placed.
 
@@ -51,13 +63,20 @@ def place_rest(
     without --accept or --correct. It can be interrupted at any time; the next run computes only new photos.
     Joining improves the positions of photos placed by their GPS, too: --correct moves these photos there.
     With --check the placed photos are listed instead, starting with those that contradict the others.
+    With --pieces, small pictures of the photos are compared instead: into how many pieces they will fall,
+    which photos are in none, and between which ones to take more. It needs no placed photo.
     """
+    if pieces and (accept or correct or check):
+        raise click.UsageError("--pieces cannot be used with --accept, --correct or --check")
     if check and (accept or correct):
         raise click.UsageError("--check changes nothing: it cannot be used with --accept or --correct")
     if within is not None and not accept:
         raise click.UsageError("--within can only be used with --accept")
     keep_freed_memory()
     settings = settings_in_use(cfg)
+    if pieces:
+        _check_pieces(cfg, settings=settings, as_json=as_json)
+        return
     with library_of(cfg, settings=settings) as there:
         with terminal_progress("photos") as progress:
             report = suggest_rest(cfg, settings=settings, progress=progress, check=check)
@@ -86,6 +105,41 @@ def place_rest(
     _print_notes(cfg, report, accepted)
     if report.corrected:
         _print_corrections(report, are_moved=correct)
+
+
+def _check_pieces(cfg: Path, *, settings: Settings, as_json: bool) -> None:
+    with terminal_progress("pairs") as progress:
+        report = photo_pieces.check_pieces(cfg, settings=settings, progress=progress)
+    if as_json:
+        click.echo(json.dumps(photo_pieces.as_json(report), indent=1))
+    else:
+        click.echo("\n".join(_piece_lines(report)))
+    for id, reason in report.failed.items():
+        click.echo(f"warning: {report.names[id]} (id {id}): {reason}", err=True)
+    count = len(report.pieces)
+    click.echo(
+        f"{cfg}: {count} piece{'s' * (count != 1)} of {sum(map(len, report.pieces))} photos, "
+        f"photos in none: {len(report.alone)}",
+        err=True,
+    )
+    if report.place_next:
+        ids = ", ".join(map(str, report.place_next))
+        click.echo(f"place these photos by hand first (ids): {ids}", err=True)
+
+
+def _piece_lines(report: PiecesReport) -> list[str]:
+    """List the pieces, the photos in none, those that bridge pieces, and between which to take more."""
+    names = report.names
+    lines = [
+        f"piece {number}: {len(piece)} photos, {', '.join(names[id] for id in piece)}"
+        for number, piece in enumerate(report.pieces, start=1)
+    ]
+    lines += [f"in no piece: {names[id]}" for id in report.alone]
+    lines += [f"almost connects pieces: {names[id]}" for id in report.bridges]
+    for gap in report.gaps:
+        shared = f"they share {gap.matches} points" if gap.matches else "they show nothing in common"
+        lines.append(f"take photos between {names[gap.photo]} and {names[gap.other]}: {shared}")
+    return lines
 
 
 def _table(report: RestReport, accepted: set[int]) -> str:

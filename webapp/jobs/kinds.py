@@ -40,6 +40,7 @@ KINDS: dict[str, Kind] = {
     "index": Kind("webapp.jobs.map_jobs:build_map_index"),
     "landmarks": Kind("webapp.jobs.map_jobs:build_landmarks"),
     "models": Kind("webapp.jobs.model_jobs:fetch_models", short=True),
+    "photo-pieces": Kind("webapp.jobs.map_jobs:check_pieces_of_map", short=True),
     "place-rest": Kind("webapp.jobs.map_jobs:suggest_places"),
     "satellite-pyramid": Kind("webapp.jobs.map_jobs:make_satellite_tiles", short=True),
     "satellite-tiles": Kind("webapp.jobs.map_jobs:fetch_satellite_tiles", short=True),

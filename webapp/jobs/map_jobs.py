@@ -23,6 +23,7 @@ from webapp.tasks.evaluation.types import EvaluateOptions
 from webapp.tasks.exchange import import_map
 from webapp.tasks.exchange.import_map import archive_path
 from webapp.tasks.find import describe_library
+from webapp.tasks.landmarks import photo_pieces
 from webapp.tasks.landmarks import stored as stored_places
 from webapp.tasks.landmarks.adjust import adjust_submodels
 from webapp.tasks.landmarks.colours import colour_cloud
@@ -159,6 +160,16 @@ def suggest_places(context: Context) -> dict[str, Any]:
     report = suggest_rest(cfg, settings=context.settings, progress=context.progress)
     stored_places.keep(cfg, report, revision=revision)
     return {"suggested": len(report.suggested), "left": len(report.left)}
+
+
+def check_pieces_of_map(context: Context) -> dict[str, Any]:
+    """Check into which pieces a map's photos fall, and store it for its page."""
+    library, record = context.library, context.map()
+    export.export_map(library, record.id)
+    cfg = library.cfg(record.slug)
+    report = photo_pieces.check_pieces(cfg, settings=context.settings, progress=context.progress)
+    photo_pieces.keep(cfg, report)
+    return {"pieces": len(report.pieces), "alone": len(report.alone)}
 
 
 def suggest_blurring(context: Context) -> dict[str, Any]:

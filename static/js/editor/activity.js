@@ -17,6 +17,7 @@ const JOBS = {
   evaluate: () => t("Evaluating the map"),
   health: () => t("Finding places that look similar"),
   landmarks: () => t("Computing landmarks"),
+  "photo-pieces": () => t("Checking which photos join"),
   "place-rest": () => t("Finding places for the rest"),
   "mission-fuse": () => t("The track is being corrected"),
   sample: () => t("Creating the sample map"),

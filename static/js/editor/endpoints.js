@@ -46,6 +46,8 @@ export function endpointsOf(slug) {
     correctRest: (ids) => post(`${map}/place-rest/correct`, { ids }),
     acceptRest: (ids) => post(`${map}/place-rest/accept`, { ids }),
 
+    pieces: () => get(`${map}/pieces`),
+    checkPieces: () => post(`${map}/pieces`, {}),
     plan: () => get(`${map}/photo-plan`),
     makePlan: (wish) => post(`${map}/photo-plan`, wish),
 

@@ -7,15 +7,16 @@ import { locale, t, tn } from "../shared/i18n.js";
 import { CLASSES, PlanLayer } from "../shared/map/plan-layer.js";
 import { lookText, reasonText } from "../shared/plan-words.js";
 import { AreaBox } from "./area-box.js";
+import { piecesSection } from "./pieces-section.js";
 
 const MOST = 100;
 const percent = new Intl.NumberFormat(locale, { style: "percent", maximumFractionDigits: 0 });
 
 /**
  * Open the dialog.
- * @param {Object} page store, server and view
+ * @param {Object} page store, server, refresh and view
  */
-export function planDialog({ store, server, view }) {
+export function planDialog({ store, server, refresh, view }) {
   const error = errorLine();
   const layer = new PlanLayer(store).addTo(view.map);
   const count = h("input", { class: "input input--short", type: "number", min: 1, max: MOST, value: 12, "data-testid": "plan-count" });
@@ -26,6 +27,7 @@ export function planDialog({ store, server, view }) {
     h("label", { class: "check small" }, shown, t("Show how well each part is recognised")), legend);
   const outcome = h("div", { class: "stack stack--tight", "aria-live": "polite", "data-testid": "plan-outcome" });
   const make = h("button", { class: "button button--primary", type: "button", "data-testid": "plan-make" }, t("Plan"));
+  const pieces = piecesSection({ store, server, refresh });
   let area = null;
   const dialog = openDialog(t("Where to take the next photos"), [
     h("p", { class: "soft" }, t("Spots and directions in which a few more photos help most, as a short walk.")),
@@ -34,6 +36,7 @@ export function planDialog({ store, server, view }) {
     overlay,
     outcome,
     error,
+    pieces.box,
   ], { actions: [make], modeless: true });
 
   const show = ({ plan, current, replaced }) => {
@@ -65,6 +68,7 @@ export function planDialog({ store, server, view }) {
   dialog.addEventListener("close", () => {
     area?.remove();
     layer.remove();
+    pieces.close();
   });
   ask(server.plan);
 }

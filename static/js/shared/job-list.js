@@ -168,6 +168,7 @@ export function kindName(kind) {
     "satellite-tiles": t("Satellite image from a map service"),
     health: t("Map health"),
     landmarks: t("Landmarks"),
+    "photo-pieces": t("Which photos join"),
     "place-rest": t("Places for the rest"),
     "describe-library": t("Search on all maps"),
     evaluate: t("Evaluation"),

@@ -49,6 +49,38 @@ class Views:
                     yield first, second
 
 
+_QUICK_VOTING = 200
+"""Of a photo's strongest descriptors, those that vote where a choice has to be quick."""
+
+
+def rank_pairs(descriptors: Sequence[NDArray[np.uint8]], *, views: Views) -> list[list[tuple[int, int]]]:
+    """Rank the pairs that may show the same: the first of each photo, then the second, and so on.
+
+    Args:
+        descriptors: As for `choose_pairs`.
+
+    Returns:
+        Pairs by their rank, the lower number first, each pair once. Without pairs of views of one panorama.
+    """
+    ranks: list[list[tuple[int, int]]] = [[] for _ in range(_VOTED)]
+    some = [number for number, one in enumerate(descriptors) if len(one)]
+    if len(some) < 2:
+        return []
+    photos = int(views.photo[-1]) + 1
+    for step in range(1, _AHEAD + 1):
+        ranks[step - 1] += [pair for one in range(photos - step) for pair in views.between(one, one + step)]
+    number_of: dict[int, int] = {}
+    for one, other in _voted(descriptors, views.photo, voting=_QUICK_VOTING):
+        number_of[one] = number_of.get(one, -1) + 1
+        ranks[number_of[one]].append((min(one, other), max(one, other)))
+    there, known = set[tuple[int, int]](), set(some)
+    for rank in ranks:
+        new = [pair for pair in dict.fromkeys(rank) if pair not in there and known.issuperset(pair)]
+        rank[:] = new
+        there.update(new)
+    return ranks
+
+
 def choose_pairs(
     descriptors: Sequence[NDArray[np.uint8]], *, at: NDArray[np.complex128], views: Views | None = None
 ) -> Pairs:
@@ -85,23 +117,31 @@ def _nearest(at: NDArray[np.complex128]) -> list[tuple[int, int]]:
     return [(one, other) for one, other in found if one != other]
 
 
-def _voted(descriptors: Sequence[NDArray[np.uint8]], of_photo: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """List the pairs that descriptors vote for; a vote weighs how much nearer it is than the last one."""
-    voting = [np.ascontiguousarray(one[:_VOTING]) for one in descriptors]
-    owner = np.repeat(np.arange(len(voting)), [len(one) for one in voting])
-    rows = np.concatenate(voting)
+def _voted(
+    descriptors: Sequence[NDArray[np.uint8]], of_photo: NDArray[np.int64], *, voting: int = _VOTING
+) -> list[tuple[int, int]]:
+    """List the pairs that descriptors vote for, those of each photo together, the best first.
+
+    A vote weighs how much nearer it is than the last one.
+
+    Args:
+        voting: Number of the strongest descriptors of each photo that vote.
+    """
+    strongest = [np.ascontiguousarray(one[:voting]) for one in descriptors]
+    owner = np.repeat(np.arange(len(strongest)), [len(one) for one in strongest])
+    rows = np.concatenate(strongest)
     if len(rows) <= _NEIGHBOURS:
         return []
     index = train(rows, len(rows), kind="float")
     encode(index, rows)
     search, found = InvertedFile([index]), []
-    for number, own in enumerate(voting):
+    for number, own in enumerate(strongest):
         near = search.search(own, _NEIGHBOURS)
         reach = np.where(np.isfinite(near.distance), near.distance, 0.0)
         weight = np.maximum(reach.max(1, keepdims=True, initial=0.0) - near.distance, 0.0)
         photo = owner[near.row]
         elsewhere = (near.row >= 0) & (of_photo[photo] != of_photo[number])
-        votes = np.bincount(photo[elsewhere], weights=weight[elsewhere], minlength=len(voting))
+        votes = np.bincount(photo[elsewhere], weights=weight[elsewhere], minlength=len(strongest))
         best = np.argsort(-votes, kind="stable")[:_VOTED]
         found += [(number, int(other)) for other in best if votes[other] > 0.0]
     return found

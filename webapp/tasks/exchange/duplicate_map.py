@@ -22,6 +22,7 @@ from webapp.store.maps import maps
 from webapp.store.maps.blurred import boxes_of
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
 from webapp.tasks.evaluation import stored as stored_evaluation
+from webapp.tasks.landmarks import photo_pieces
 from webapp.tasks.maps import adopt_map
 from webapp.tasks.maps.library_map import floors
 
@@ -35,7 +36,9 @@ _RECORD_FIELDS = (
     "georeference",
     *LISTS,
 )
-_NOT_COPIED = frozenset({"exports", "intake", "health.json", "photo-plan.json", stored_evaluation.FILE})
+_NOT_COPIED = frozenset(
+    {"exports", "intake", "health.json", "photo-plan.json", photo_pieces.STORED, stored_evaluation.FILE}
+)
 """Files and folders in `derived` that are valid for the original map only."""
 
 

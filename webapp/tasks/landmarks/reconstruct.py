@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,53 +102,91 @@ def reconstruct(
     Raises:
         MissingPart: The extra `sfm` is not installed.
     """
-    photos = _in_order(the_map)
-    pictures: list[AnyPhoto] = []
-    owner: list[int] = []
-    for number, photo in enumerate(photos):
-        views = level_views([photo])
-        pictures += views
-        owner += [number] * len(views)
     folder = landmarks_folder(cfg)
     out = folder if part is None else part
     with writer_lock(folder, wait_s=wait_s):
         for name in (RIGID_FILE, SUBMODELS_FILE, CLOUD_FILE):
             remove_unfinished(out / name)
-        entries, problems = _describe(
-            cfg, the_map, pictures, folder=folder, settings=settings, progress=progress
+        pictures = describe_pictures(
+            cfg, the_map, folder=folder, extract=_EXTRACT, settings=settings, progress=progress
         )
-        # A panorama with an unreadable view takes no part: its views form one camera.
-        lost = {owner[n] for n in range(len(pictures)) if n not in entries}
-        numbers = [n for n in sorted(entries) if owner[n] not in lost]
-        turns = [-1 if (view := pictures[n].view) is None else view.turn_deg for n in numbers]
-        photo_of = np.unique([owner[n] for n in numbers], return_inverse=True)[1]
+        described = [(one.photo, one.entry) for one in pictures.described]
+        views = pictures.views
         database = MatchDatabase(folder / MATCHES_FILE)
         try:
-            stored = _add_all(database, [(pictures[n], entries[n]) for n in numbers], photo_of=photo_of)
-            at = np.array([_position(pictures[n]) for n in numbers], np.complex128)
-            views_of = Views(photo_of, np.array(turns, np.int64))
+            stored = _add_all(database, described, photo_of=views.photo)
             compare_photos(
                 database,
-                [(entries[n].content, photo) for n, photo in zip(numbers, stored, strict=True)],
-                at=at,
-                views=views_of,
+                [(entry.content, photo) for (_, entry), photo in zip(described, stored, strict=True)],
+                at=np.array([_position(photo) for photo, _ in described], np.complex128),
+                views=views,
                 place=ExecutionTarget(settings, folder, "threads"),
                 progress=progress,
             )
-            contents = database.joined(dict.fromkeys(entries[n].content for n in numbers))
+            contents = database.joined(dict.fromkeys(entry.content for _, entry in described))
             key = database.signature(contents)
         finally:
             database.close()
         submodels = _submodels(out, database.path, contents=contents, key=key, progress=progress)
         if part is None:
             shutil.rmtree(folder / SURROUNDINGS, ignore_errors=True)
-    by_content = {entries[n].content: pictures[n] for n in numbers}
+    by_content = {entry.content: photo for photo, entry in described}
     find_in_photos(cfg, the_map, photos=by_content, folder=folder, limits=settings.photo, progress=progress)
-    number_of = {entries[n].content: owner[n] for n in reversed(numbers)}
-    turn_of = {entries[n].content: turn for n, turn in zip(numbers, turns, strict=True) if turn >= 0}
+    number_of = {one.entry.content: one.number for one in reversed(pictures.described)}
+    turn_of = {entry.content: photo.view.turn_deg for photo, entry in described if photo.view is not None}
     found = tuple(renumbered(submodels, number_of, turn_of=turn_of))
-    why = {owner[n]: problem for n, problem in problems.items()}
-    return Reconstruction(photos, found, why, out, folder, number_of, turn_of)
+    return Reconstruction(pictures.photos, found, pictures.problems, out, folder, number_of, turn_of)
+
+
+class DescribedPicture(NamedTuple):
+    """A photo, or a view of a panorama, with its features."""
+
+    number: int  # Number of its photo
+    photo: AnyPhoto
+    entry: PhotoEntry
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DescribedPictures:
+    """The pictures of all photos of a map that could be read."""
+
+    photos: tuple[AnyPhoto, ...]  # All photos, in the order in which they were taken
+    described: tuple[DescribedPicture, ...]  # In the same order
+    problems: Mapping[int, str]  # Why photos are not among them, by their number
+
+    @property
+    def views(self) -> Views:
+        """Which photo each picture is, counted among those that could be read."""
+        photo_of = np.unique([one.number for one in self.described], return_inverse=True)[1]
+        turns = [-1 if (view := one.photo.view) is None else view.turn_deg for one in self.described]
+        return Views(photo_of, np.array(turns, np.int64))
+
+
+def describe_pictures(
+    cfg: Path,
+    the_map: Map,
+    *,
+    folder: Path,
+    extract: ExtractSettings,
+    settings: Settings,
+    progress: Progress,
+) -> DescribedPictures:
+    """Describe the photos of a map, those in the tray included, unless their features are in the folder."""
+    photos = _in_order(the_map)
+    pictures = [(number, view) for number, photo in enumerate(photos) for view in level_views([photo])]
+    entries, problems = _describe(
+        cfg,
+        the_map,
+        [view for _, view in pictures],
+        folder=folder,
+        settings=replace(settings, extract=extract),
+        progress=progress,
+    )
+    # A panorama with an unreadable view takes no part: its views form one camera.
+    lost = {number for n, (number, _) in enumerate(pictures) if n not in entries}
+    described = (DescribedPicture(*pictures[n], entries[n]) for n in sorted(entries))
+    why = {pictures[n][0]: problem for n, problem in problems.items()}
+    return DescribedPictures(photos, tuple(one for one in described if one.number not in lost), why)
 
 
 def _in_order(the_map: Map) -> tuple[AnyPhoto, ...]:
@@ -191,9 +229,9 @@ def _describe(
     problems = {}
     for done in describe_all(
         new,
-        Manifest(_CHOICE.detector, _CHOICE.extractor, _EXTRACT),
+        Manifest(_CHOICE.detector, _CHOICE.extractor, settings.extract),
         request=BuildRequest(cfg, the_map, folder, _CHOICE),
-        settings=replace(settings, extract=_EXTRACT),
+        settings=settings,
         progress=progress,
     ):
         if done.error:
@@ -230,11 +268,16 @@ def _add_all(
 
 
 def _add(database: MatchDatabase, photo: AnyPhoto, entry: PhotoEntry) -> StoredPhoto:
-    fov = photo.fov_deg
-    if fov is None and not math.isnan(entry.fov_deg):
-        fov = entry.fov_deg
+    fov = known_fov_deg(photo, entry)
     guess = guessed_fov_deg(*entry.features.photo_size)
     return database.add(entry.content, entry.features, fov_deg=fov or guess, is_guessed=fov is None)
+
+
+def known_fov_deg(photo: AnyPhoto, entry: PhotoEntry) -> float | None:
+    """Return the horizontal field of view that is stated for a photo or by its EXIF; None if neither is."""
+    if photo.fov_deg is None and not math.isnan(entry.fov_deg):
+        return entry.fov_deg
+    return photo.fov_deg
 
 
 def _submodels(
