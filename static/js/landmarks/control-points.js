@@ -290,7 +290,7 @@ function residualRow(one) {
   const length = one.residual_px === null ? "–" : lengthText(one.residual_m, one.residual_px);
   const remarks = [
     one.check && h("span", { class: "badge" }, t("check point")),
-    one.check && one.dx_px !== null && h("span", {}, checkText(one)),
+    one.check && one.dx_px !== null && h("span", {}, " ", checkText(one)),
     one.contradicts && h("span", { class: "badge badge--danger" }, t("left out: it contradicts the others")),
     one.wrong_clicks.length > 0 && h("span", { class: "badge badge--warning" }, t("wrong click in {photos}", { photos: one.wrong_clicks.join(", ") })),
     one.problem && h("span", {}, one.problem),
