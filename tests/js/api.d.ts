@@ -1862,6 +1862,10 @@ export interface components {
         PanoramaOut: {
             /** @description Parts in which nothing is recognised: the robot, the sky. */
             masked?: components["schemas"]["BoxOut"][];
+            /** @description Of its middle above the horizon; it is kept if left out. */
+            pitch_deg?: number;
+            /** @description Of the camera, clockwise; it is kept if left out. */
+            roll_deg?: number;
         };
         PersonIn: {
             name: string;

@@ -200,9 +200,10 @@ def _ray(
 ) -> NDArray[np.float64] | None:
     """Return the ray of a click in the frame of the photo's camera; None if its lens is unknown."""
     if photo.view is not None:
-        return np.asarray(view_rotation(photo.view.turn_deg) @ ray_of_panorama(click.x, click.y))
+        ray = ray_of_panorama(click.x, click.y, photo.view.tilt)
+        return np.asarray(view_rotation(photo.view.turn_deg) @ ray)
     if photo.panorama is not None:
-        return ray_of_panorama(click.x, click.y)
+        return ray_of_panorama(click.x, click.y, photo.panorama.tilt)
     lens = lenses.lens(number)
     if lens is None:
         return None
