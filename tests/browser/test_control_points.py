@@ -61,6 +61,51 @@ def test_a_point_is_clicked_in_two_photos_and_on_the_image(page, api, app, joine
     expect(page.get_by_test_id("control-points").locator("tr")).to_have_count(0)
 
 
+def test_a_check_point_is_left_out_and_its_residual_shown(page, joined):
+    slug, _ = joined
+    page.goto(f"/maps/{slug}/control-points")
+    page.get_by_test_id("point-name").fill("oak")
+    with page.expect_response(lambda answer: answer.request.method == "PUT"):
+        page.get_by_test_id("point-add").click()
+    with page.expect_response(lambda answer: answer.request.method == "PUT"):
+        page.get_by_label("Point oak: check point").check()
+    page.reload()
+    expect(page.get_by_label("Point oak: check point")).to_be_checked()
+    answer = residuals_with(check=True, dx_px=3.0, dy_px=-4.0, residual_px=5.0, photos=2, sigma_px=1.2)
+    page.route("**/landmarks/control-points", lambda route: route.fulfill(json=answer))
+    page.reload()
+    row = page.locator("[data-name=oak]")
+    expect(row).to_contain_text("5 px")
+    expect(row).to_contain_text("check point")
+    expect(row).to_contain_text("+3.00 px right, -4.00 px down, seen in 2 photos, itself accurate to 1.2 px")
+    rmse = page.get_by_test_id("rmse").locator("li")
+    expect(rmse).to_have_text(["Check points: RMSE 5 px ± 50 % of 1 point that took no part in the fit."])
+
+
+def residuals_with(**oak):
+    """Return the API's answer with one check point and its residual."""
+    none = dict.fromkeys(("x_px", "y_px", "accuracy_m", "height_m", "tag"))
+    empty = dict.fromkeys(
+        ("rmse_px", "rmse_m", "rmse_east_m", "rmse_north_m", "rmse_height_m", "uncertainty")
+    )
+    lengths = dict.fromkeys(
+        ("residual_m", "east_m", "north_m", "height_off_m", "sigma_m", "photo", "problem")
+    )
+    places = {"x_px": 60.0, "y_px": 50.0, "others_x_px": 63.0, "others_y_px": 46.0}
+    return {
+        "points": [{**none, "name": "oak", "x_px": 60.0, "y_px": 50.0, "photos": [], "check": True}],
+        "residuals": [{**lengths, **places, "name": "oak", "contradicts": False, "wrong_clicks": [], **oak}],
+        "accuracy": {
+            "control": {**empty, "points": 0, "heights": 0},
+            "check": {**empty, "points": 1, "heights": 0, "rmse_px": oak["residual_px"], "uncertainty": 0.5},
+        },
+        "laid": True,
+        "current": True,
+        "job": None,
+        "can_undo": False,
+    }
+
+
 def test_a_printed_tag_is_chosen_at_a_point_and_a_sheet_is_downloaded(page, api, joined):
     slug, _ = joined
     page.goto(f"/maps/{slug}/control-points")

@@ -111,6 +111,52 @@ def test_how_far_they_are_off_is_said(expmap, cfg, monkeypatch):
     assert found["points"][1] == {"name": "well", "x_px": 3.0, "y_px": 4.0, "photos": []}
 
 
+def test_check_points_are_marked_and_their_rmse_is_printed(expmap, cfg, monkeypatch):
+    table = TABLE.replace(";photo;", ";check;photo;").replace(";photos/0.jpg", ";no;photos/0.jpg")
+    table = table.replace("gate;;;;;", "gate;;;;;;").replace("well;3;4;;;", "well;3;4;;;yes;")
+    expmap("landmarks", "points", cfg, "--import", write(cfg, table))
+    assert checks(cfg) == {"gate": False, "well": True}
+    back = cfg.parent.parent / "back.csv"
+    expmap("landmarks", "points", cfg, "--export", back, "--check", "gate", "--no-check", "well")
+    assert checks(cfg) == {"gate": True, "well": False}
+    expmap("landmarks", "points", cfg, "--no-check", "gate", "--check", "well")
+    assert checks(cfg) == {"gate": False, "well": True}
+    expmap("landmarks", "points", cfg, "--import", back)
+    assert checks(cfg) == {"gate": True, "well": False}
+    judged = [
+        Residual(
+            None, "gate", MapPixel(20.5, 18.25), MapPixel(23.5, 22.25), is_check=True, photos=2, sigma_px=0.5
+        ),
+        Residual(None, "well", MapPixel(3.0, 4.0), MapPixel(3.0, 6.0)),
+    ]
+    monkeypatch.setattr(landmark_points, "stored_residuals", lambda *_: judged)
+    assert expmap("landmarks", "points", cfg)[1].splitlines() == [
+        "gate  x 20.5, y 18.2, clicked in 2 photos; check point; dx +3.0, dy +4.0, 5.0 px off; "
+        "seen in 2 photos, itself accurate to 0.5 px",
+        "well  x 3.0, y 4.0, clicked in 0 photos; 2.0 px off",
+        "RMSE of control points: 2.0 px +- 50 % (of 1, each by all others)",
+        "RMSE of check points: 5.0 px +- 50 % (of 1)",
+    ]
+    found = json.loads(expmap("landmarks", "points", cfg, "--json")[1])
+    assert [one["check"] for one in found["residuals"]] == [True, False]
+    assert (found["residuals"][0]["dx_px"], found["residuals"][0]["sigma_px"]) == (3.0, 0.5)
+    assert found["accuracy"]["check"]["rmse_px"] == 5.0
+    assert found["accuracy"]["control"]["points"] == 1
+    code, _, err = expmap("landmarks", "points", cfg, "--check", "nowhere")
+    assert code != 0
+    assert "no control point nowhere" in err
+
+
+def test_a_check_that_is_neither_yes_nor_no_is_refused(expmap, cfg):
+    code, _, err = expmap("landmarks", "points", cfg, "--import", write(cfg, "name;check\ngate;maybe\n"))
+    assert code != 0
+    assert "check is not yes or no: 'maybe'" in err
+
+
+def checks(cfg):
+    return {point.name: point.is_check for point in read_map(cfg).control_points}
+
+
 def test_in_a_library_it_is_an_edit(expmap, make_map, tmp_path):
     library = open_library(tmp_path / "library")
     with library.database.write() as session:

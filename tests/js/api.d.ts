@@ -28,6 +28,11 @@ export interface components {
             language?: string | null;
             name?: string;
         };
+        AccuracyOut: {
+            check?: components["schemas"]["RmseOut"];
+            /** @description Each point by all others, without those that were left out. */
+            control?: components["schemas"]["RmseOut"];
+        };
         AdoptIn: {
             /**
              * @description Id of its floor.
@@ -452,6 +457,11 @@ export interface components {
              */
             accuracy_m: number | null;
             /**
+             * @description A check point: left out of every fit, to measure how accurate it is.
+             * @default false
+             */
+            check: boolean;
+            /**
              * @description Above any level that is the same for all.
              * @default null
              */
@@ -470,6 +480,8 @@ export interface components {
         };
         ControlPointOut: {
             accuracy_m?: number | null;
+            /** @description A check point: left out of every fit, to measure how accurate it is. */
+            check?: boolean;
             height_m?: number | null;
             name?: string;
             photos?: components["schemas"]["ClickFields"][];
@@ -478,6 +490,8 @@ export interface components {
             y_px?: number | null;
         };
         ControlPointsOut: {
+            /** @description Null without landmarks. */
+            accuracy?: components["schemas"]["AccuracyOut"] | null;
             /** @description Whether your last edit of the map is one of these points. */
             can_undo?: boolean;
             /** @description Whether nothing was changed since the landmarks were aligned. */
@@ -1927,6 +1941,10 @@ export interface components {
         PanoramaOut: {
             /** @description Parts in which nothing is recognised: the robot, the sky. */
             masked?: components["schemas"]["BoxOut"][];
+            /** @description Of its middle above the horizon; it is kept if left out. */
+            pitch_deg?: number;
+            /** @description Of the camera, clockwise; it is kept if left out. */
+            roll_deg?: number;
         };
         PersonIn: {
             name: string;
@@ -2339,19 +2357,34 @@ export interface components {
             seen?: number;
         };
         ResidualOut: {
+            /** @description Whether it is a check point. */
+            check?: boolean;
             /** @description It was left out: the others agree on another place. */
             contradicts?: boolean;
+            /** @description Predicted minus known position. */
+            dx_px?: number | null;
+            dy_px?: number | null;
+            /** @description The same, on a map with a georeference. */
+            east_m?: number | null;
+            /** @description Predicted minus known height of a check point, by the control points'. */
+            height_off_m?: number | null;
             name?: string;
+            north_m?: number | null;
             /** @description Position predicted from the others; null if they are too few. */
             others_x_px?: number | null;
             others_y_px?: number | null;
             /** @description Its id; null for a control point. */
             photo?: number | null;
+            /** @description How many joined photos see a control point, without wrong clicks. */
+            photos?: number | null;
             /** @description Why a control point takes no part. */
             problem?: string | null;
             /** @description On a map with a georeference. */
             residual_m?: number | null;
             residual_px?: number | null;
+            sigma_m?: number | null;
+            /** @description Standard deviation along each axis of a control point's own position and clicks. */
+            sigma_px?: number | null;
             /** @description Photos in which it is clicked elsewhere. */
             wrong_clicks?: string[];
             x_px?: number | null;
@@ -2374,6 +2407,21 @@ export interface components {
         RevokedOut: {
             /** @description Number of links. */
             revoked?: number;
+        };
+        RmseOut: {
+            /** @description How many these are. */
+            heights?: number;
+            points?: number;
+            rmse_east_m?: number | null;
+            /** @description Of check points with heights. */
+            rmse_height_m?: number | null;
+            /** @description On a map with a georeference. */
+            rmse_m?: number | null;
+            rmse_north_m?: number | null;
+            /** @description Of the distances; null without points. */
+            rmse_px?: number | null;
+            /** @description Relative standard deviation of the RMSE itself. */
+            uncertainty?: number | null;
         };
         RobotList: {
             /** @description Of the server, now. */

@@ -47,7 +47,7 @@ async function start() {
       chosen = name;
       field.value = "";
       if (current()) return render();
-      return keep({ name, x_px: null, y_px: null, height_m: null, accuracy_m: null, photos: [], tag: null });
+      return keep({ name, x_px: null, y_px: null, height_m: null, accuracy_m: null, photos: [], tag: null, check: false });
     });
     byId("undo").addEventListener("click", () => busy(byId("undo", HTMLButtonElement), undo).catch(toastError));
     byId("unclick").addEventListener("click", () => change({ photos: current().photos.filter(({ id }) => id !== photo.id) }));
@@ -188,6 +188,11 @@ async function start() {
       });
       return h("td", {}, input);
     };
+    const check = h("input", {
+      type: "checkbox", checked: point.check, disabled: !page.can_edit, "data-key": `check ${point.name}`,
+      "aria-label": t("Point {number}: {what}", { number: point.name, what: t("check point") }),
+      onchange: (event) => keep({ ...point, check: event.target.checked }),
+    });
     const number = points.indexOf(point) + 1;
     const name = h("button", { class: "button button--quiet", type: "button", "aria-pressed": String(point.name === chosen), "data-key": point.name, onclick: () => choose(point.name) }, `${number} · ${point.name}`);
     const away = h("button", { class: "icon-button", type: "button", "aria-label": t("Remove the point {name}", { name: point.name }), onclick: () => remove(point.name) }, icon("trash"));
@@ -199,14 +204,16 @@ async function start() {
       cell(pixelText(point.y_px)),
       fact("height_m", t("height")),
       fact("accuracy_m", t("accuracy")),
+      h("td", {}, h("label", { class: "check" }, check)),
       h("td", {}, page.can_edit && away),
     );
   };
 
-  const showResiduals = ({ residuals, laid, current: isCurrent, job }) => {
+  const showResiduals = ({ residuals, accuracy, laid, current: isCurrent, job }) => {
     byId("not-laid").hidden = laid;
     byId("residuals-card").hidden = !laid;
     byId("laying").hidden = isCurrent || job === null;
+    byId("rmse").replaceChildren(...rmseLines(accuracy).map((line) => h("li", {}, line)));
     byId("residuals").replaceChildren(...residuals.slice(0, SHOWN).map(residualRow));
     const known = residuals.filter(({ others_x_px: x }) => x !== null);
     arrows.show(known.map((one) => [latLngOf([one.x_px, one.y_px]), latLngOf([one.others_x_px, one.others_y_px])]));
@@ -242,11 +249,48 @@ function pixelText(coordinate) {
   return coordinate === null ? "–" : coordinate.toLocaleString(locale, { minimumFractionDigits: 1, maximumFractionDigits: 1 });
 }
 
+/** @param {Api["AccuracyOut"] | null} accuracy */
+function rmseLines(accuracy) {
+  if (!accuracy) return [];
+  const { control, check } = accuracy;
+  const lines = [];
+  if (control.points) lines.push(tn("Control points: RMSE {rmse} of {n} point, from where all others put it.", "Control points: RMSE {rmse} of {n} points, each from where all others put it.", control.points, { rmse: rmseText(control) }));
+  if (check.points) {
+    lines.push(tn("Check points: RMSE {rmse} of {n} point that took no part in the fit.", "Check points: RMSE {rmse} of {n} points that took no part in the fit.", check.points, { rmse: rmseText(check) }));
+    if (check.rmse_m !== null) lines.push(t("Check points, by direction: RMSE {east} m east, {north} m north.", { east: metresText(check.rmse_east_m), north: metresText(check.rmse_north_m) }));
+    if (check.rmse_height_m !== null) lines.push(tn("Check points, height: RMSE {rmse} m of {n} point.", "Check points, height: RMSE {rmse} m of {n} points.", check.heights, { rmse: metresText(check.rmse_height_m) }));
+  }
+  return lines;
+}
+
+/** @param {Api["RmseOut"]} rmse */
+function rmseText({ rmse_m: metres, rmse_px: pixels, uncertainty }) {
+  return `${lengthText(metres, pixels)} ± ${Math.round(100 * uncertainty)} %`;
+}
+
+function lengthText(metres, pixels) {
+  return metres === null ? `${metresText(pixels)} px` : `${metresText(metres)} m`;
+}
+
+/** @param {Api["ResidualOut"]} one */
+function checkText(one) {
+  const signed = (value) => value.toLocaleString(locale, { signDisplay: "exceptZero", minimumFractionDigits: 2, maximumFractionDigits: 2 });
+  const parts = [
+    one.east_m === null
+      ? t("{dx} px right, {dy} px down", { dx: signed(one.dx_px), dy: signed(one.dy_px) })
+      : t("{east} m east, {north} m north", { east: signed(one.east_m), north: signed(one.north_m) }),
+  ];
+  if (one.height_off_m !== null) parts.push(t("{up} m in height", { up: signed(one.height_off_m) }));
+  parts.push(tn("seen in {n} photo", "seen in {n} photos", one.photos));
+  parts.push(t("itself accurate to {sigma}", { sigma: lengthText(one.sigma_m, one.sigma_px) }));
+  return parts.join(", ");
+}
+
 function residualRow(one) {
-  let length = "–";
-  if (one.residual_m !== null) length = `${metresText(one.residual_m)} m`;
-  else if (one.residual_px !== null) length = `${metresText(one.residual_px)} px`;
+  const length = one.residual_px === null ? "–" : lengthText(one.residual_m, one.residual_px);
   const remarks = [
+    one.check && h("span", { class: "badge" }, t("check point")),
+    one.check && one.dx_px !== null && h("span", {}, " ", checkText(one)),
     one.contradicts && h("span", { class: "badge badge--danger" }, t("left out: it contradicts the others")),
     one.wrong_clicks.length > 0 && h("span", { class: "badge badge--warning" }, t("wrong click in {photos}", { photos: one.wrong_clicks.join(", ") })),
     one.problem && h("span", {}, one.problem),

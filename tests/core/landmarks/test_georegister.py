@@ -1,5 +1,7 @@
 """Control points clicked in photos lay a submodel on the map, alone or together with placed photos."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -156,6 +158,36 @@ def test_a_placed_photo_that_contradicts_control_points_is_found(court, rng):
     found = georegister(submodel, known, points=points)
     assert np.flatnonzero(found.aligned.contradicting).tolist() == [6]
     assert found.aligned.residual_px[6] == pytest.approx(40.0, abs=0.5)
+
+
+def test_a_check_point_is_predicted_and_changes_nothing(court, rng):
+    at, headings = court
+    submodel = submodel_of(at, headings, rng=rng, tilt=3.0)
+    fitted = [clicked(submodel, at, name, [1, 7, 20], rng=rng) for name in ("gate", "well", "oak")]
+    stone = clicked(submodel, at, "stone", [1, 7, 20, 33], rng=rng)
+    alone = georegister(submodel, nothing(40), points=fitted).aligned
+    for shift, up in ((0.0, 0.0), (30.0 - 40.0j, -6.0), (500.0j, 60.0)):
+        moved = replace(stone, at=stone.at - shift, height_px=stone.height_px - up, is_check=True)
+        found = georegister(submodel, nothing(40), points=[moved, *fitted])
+        for field in ("at", "radius_px", "angle_deg", "residual_px", "predicted"):
+            assert getattr(found.aligned, field).tobytes() == getattr(alone, field).tobytes()
+        check = next(fit for fit in found.points if fit.name == "stone")
+        assert check.predicted - check.at == pytest.approx(shift, abs=1e-6)
+        assert check.height_off_px == pytest.approx(up, abs=1e-6)
+        assert (check.photos, check.contradicts) == (4, False)
+        assert 0.1 < check.sigma_px < 3.0
+
+
+def test_placed_photos_alone_can_be_checked(court, rng):
+    at, headings = court
+    submodel = submodel_of(at, headings, rng=rng)
+    stone = replace(clicked(submodel, at, "stone", [1, 7, 20], rng=rng), is_check=True)
+    (check,) = georegister(submodel, known_at(at, [3, 5, 9, 12]), points=[stone]).points
+    assert check.predicted == pytest.approx(check.at, abs=1e-6)
+    assert np.isnan(check.height_off_px)  # photos have no heights on the map
+    refused = georegister(submodel, nothing(40), points=[stone])
+    assert "none of them is placed" in refused.aligned.reason
+    assert np.isnan(refused.points[0].predicted)
 
 
 def test_one_point_alone_is_too_little(court, rng):

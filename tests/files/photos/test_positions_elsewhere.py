@@ -317,9 +317,12 @@ PANO = 'xmlns:GPano="http://ns.google.com/photos/1.0/panorama/" GPano:Projection
             (200, 100),
             f'{PANO} GPano:PosePitchDegrees="-12" GPano:PoseRollDegrees="1"',
             {},
-            "tilted by 12 degrees",
+            "levelled by the pitch and roll",
         ),
         ((200, 100), f'{PANO} GPano:PosePitchDegrees="0" GPano:PoseRollDegrees="360"', {}, None),
+        ((200, 100), f'{PANO} GPano:PosePitchDegrees="400"', {}, "PosePitchDegrees is not a number"),
+        ((200, 100), f'{PANO} GPano:PoseRollDegrees="NaN"', {}, "PoseRollDegrees is not a number"),
+        ((200, 100), f'{PANO} GPano:PoseRollDegrees="steep"', {}, "from -360 to 360: it is taken as level"),
     ],
 )
 def test_panoramas_that_are_not_taken_as_they_are(size, xmp, camera, said):

@@ -14,7 +14,10 @@ from webapp.core.mapmodel.model import Experience, UnplacedPhoto
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings
+from webapp.tasks.landmarks.accuracy import accuracy_of
+from webapp.tasks.landmarks.adjust import _key_of
 from webapp.tasks.landmarks.control_points import found_points, residuals_of
+from webapp.tasks.landmarks.known import known_positions
 from webapp.tasks.landmarks.place_rest import georegister_found, suggest_from
 from webapp.tasks.landmarks.reconstruct import SURROUNDINGS, reconstruct
 from webapp.tasks.localize.index_location import landmarks_folder
@@ -94,6 +97,61 @@ def test_clicks_have_rays_in_a_reconstruction_of_some_photos_too(court, unplaced
     part = join(court, the_map, part=landmarks_folder(court.cfg) / SURROUNDINGS / "part")
     [known] = found_points(part, the_map)
     assert len(known.ray) == len(the_map.control_points[0].clicks) == 4
+
+
+def test_check_points_of_known_errors_give_the_known_rmse(court, unplaced):
+    fitted = tuple(point(name) for name in ("drain", "lamp", "sign"))
+    wrong = (
+        step(),
+        step(name="north", north_m=1.0),
+        step(name="east", east_m=1.0),
+        step(name="up", up_m=0.5),
+    )
+    the_map = replace(unplaced, control_points=(*fitted, *wrong))
+    found = join_and_judge(court, the_map)
+    east, north = found["step"].shift_m(the_map)
+    assert math.hypot(east, north) < 0.1
+    # within 1 %: the image is north up in UTM, half a degree from true north
+    assert found["east"].shift_m(the_map) == pytest.approx((east - 1.0, north), abs=0.01)
+    assert found["north"].shift_m(the_map) == pytest.approx((east, north - 1.0), abs=0.01)
+    up = found["up"].in_metres(found["up"].height_off_px, the_map)
+    assert up == pytest.approx(-0.5, abs=0.05)
+    accuracy = accuracy_of(found.values(), the_map)
+    assert (accuracy.check.points, accuracy.check.heights) == (4, 4)
+    assert accuracy.check.m == pytest.approx(math.sqrt(2.0 / 4.0), abs=0.05)
+    assert accuracy.check.east_m == pytest.approx(0.5, abs=0.05)
+    assert accuracy.check.north_m == pytest.approx(0.5, abs=0.05)
+    assert accuracy.check.height_m == pytest.approx(0.5 / 2.0, abs=0.05)
+    assert accuracy.check.uncertainty == 0.25
+    assert (accuracy.control.points, accuracy.control.m < 0.1) == (3, True)
+    assert {name: one.photos for name, one in found.items()}["up"] == 4
+
+
+def test_the_adjustment_does_not_see_a_check_point(court, unplaced):
+    fitted = tuple(point(name) for name in ("drain", "lamp", "sign"))
+    found = join(court, unplaced)
+    known = known_positions(found.photos, unplaced)
+    keys = {
+        _key_of(known, replace(unplaced, control_points=(*fitted, *checks)))
+        for checks in ((), (step(),), (step(east_m=3.0),))
+    }
+    assert len(keys) == 1
+    assert _key_of(known, replace(unplaced, control_points=(*fitted, point("step")))) not in keys
+
+
+def join_and_judge(court, the_map):
+    found = join(court, the_map)
+    residuals = residuals_of(
+        found.submodels, georegister_found(found, the_map), photos=found.photos, the_map=the_map
+    )
+    return {one.name: one for one in residuals if one.photo is None}
+
+
+def step(name="step", *, east_m=0.0, north_m=0.0, up_m=0.0):
+    """Return a check point whose surveyed position is wrong by some metres."""
+    true = point("step")
+    at = MapPixel(true.position.x + PIXELS_PER_METRE * east_m, true.position.y - PIXELS_PER_METRE * north_m)
+    return replace(true, name=name, position=at, height_m=true.height_m + up_m, is_check=True)
 
 
 def found_name(the_map, click):

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from tests.tasks.landmarks.rendered import PIXELS_PER_METRE, SIDE, render_panorama
+from tests.tasks.maps.test_cut_panoramas import tilted
 from webapp.core.geo.types import MapPixel
+from webapp.core.geometry.tilt import Tilt
 from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick
 from webapp.core.mapmodel.model import Experience, Map, SatelliteImage, UnplacedPhoto
 from webapp.core.mapmodel.panorama import Panorama
@@ -25,24 +27,32 @@ pytestmark = pytest.mark.slow
 PANORAMAS, PLACED = 5, (0, 2, 4)
 
 
-@pytest.fixture(scope="module")
-def court(tmp_path_factory):
+TURNED = (20.0, 200.0, 80.0, 320.0, 145.0)
+TILTS = (Tilt(), Tilt(12.0, -8.0), Tilt(-20.0), Tilt(5.0, 15.0), Tilt(0.0, -25.0))
+
+
+@pytest.fixture(scope="module", params=["level", "turned and tilted"])
+def court(tmp_path_factory, request):
     """A map of panoramas, three of them placed; their positions, and the headings of their middles."""
+    is_level = request.param == "level"
     folder = tmp_path_factory.mktemp("around")
     angle = np.linspace(0.2, 2.4, PANORAMAS)
     at = np.stack([SIDE / 2 + 4.0 * np.cos(angle), SIDE / 2 + 3.0 * np.sin(angle)], 1)
-    headings = np.linspace(20.0, 130.0, PANORAMAS)
+    headings = np.linspace(20.0, 130.0, PANORAMAS) if is_level else np.array(TURNED)
+    around = [Panorama(tilt=Tilt() if is_level else tilt) for tilt in TILTS]
     (folder / "photos").mkdir()
     names = [f"photos/{number}.png" for number in range(PANORAMAS)]
-    for name, (x, y), heading in zip(names, at, headings, strict=True):
-        cv2.imwrite(str(folder / name), render_panorama(x, y, np.radians(heading), wide=1200))
+    for name, (x, y), heading, one in zip(names, at, headings, around, strict=True):
+        pixels = render_panorama(x, y, np.radians(heading), wide=1200)
+        tilt = np.radians([one.tilt.pitch_deg, one.tilt.roll_deg])
+        cv2.imwrite(str(folder / name), tilted(pixels, *tilt) if tilt.any() else pixels)
     cv2.imwrite(str(folder / "plan.png"), np.full((400, 400), 200, np.uint8))
     placed = (
-        Experience(n, names[n], MapPixel(*(PIXELS_PER_METRE * at[n])), fov_deg=360.0, panorama=Panorama())
+        Experience(n, names[n], MapPixel(*(PIXELS_PER_METRE * at[n])), fov_deg=360.0, panorama=around[n])
         for n in PLACED
     )
     others = (
-        UnplacedPhoto(n, names[n], fov_deg=360.0, panorama=Panorama())
+        UnplacedPhoto(n, names[n], fov_deg=360.0, panorama=around[n])
         for n in range(PANORAMAS)
         if n not in PLACED
     )
@@ -65,28 +75,37 @@ def test_panoramas_are_placed_as_one_to_a_decimetre(court):
     assert np.median(np.abs(turned)) <= 0.2
 
 
-def clicked(at, headings, spot):
+def clicked(at, headings, spot, *, tilts):
     """Return the pixel of a spot in each panorama; the spot is east, south and below the cameras, metres."""
     east, south = (spot[:2] - at).T
-    turned = np.degrees(np.arctan2(east, -south)) - headings
-    down = np.degrees(np.arctan2(spot[2], np.hypot(east, south)))
-    share = np.stack([(0.5 + turned / 360.0) % 1.0, 0.5 + down / 180.0], 1)
-    return tuple(PhotoClick(number, float(x), float(y)) for number, (x, y) in enumerate(share))
+    turned, away = np.arctan2(east, -south) - np.radians(headings), np.hypot(east, south)
+    level = np.stack([away * np.sin(turned), np.full(len(at), spot[2]), away * np.cos(turned)], 1)
+    clicks = []
+    for number, tilt in enumerate(tilts):
+        x, y, z = tilt.rotation() @ level[number]
+        across, down = np.arctan2(x, z) / (2.0 * np.pi), np.arctan2(y, np.hypot(x, z)) / np.pi
+        clicks.append(PhotoClick(number, float(0.5 + across) % 1.0, float(0.5 + down)))
+    return tuple(clicks)
 
 
 def test_a_control_point_takes_part_in_their_adjustment(court, tmp_path):
     cfg, at, headings = court
     shutil.copytree(cfg.parent, tmp_path / "court")
     cfg = tmp_path / "court" / "map.cfg"
+    the_map = read_map(cfg)
+    photos = {one.id: one for one in (*the_map.experiences, *the_map.unplaced)}
+    tilts = [photos[number].panorama.tilt for number in range(PANORAMAS)]
     # also a corner behind the panoramas, whichever view shows it
     spots = {"corner": (0.5, 0.5, 1.0), "pole": (SIDE - 1.0, 2.0, -2.0)}
     points = tuple(
         GroundControlPoint(
-            name, MapPixel(*(PIXELS_PER_METRE * np.array(spot[:2]))), clicked(at, headings, spot)
+            name,
+            MapPixel(*(PIXELS_PER_METRE * np.array(spot[:2]))),
+            clicked(at, headings, spot, tilts=tilts),
         )
         for name, spot in spots.items()
     )
-    the_map = replace(read_map(cfg), control_points=points)
+    the_map = replace(the_map, control_points=points)
     joined, (submodel,) = adjust_submodels(
         reconstruct(cfg, the_map, settings=Settings(), progress=Progress()), the_map, progress=Progress()
     )

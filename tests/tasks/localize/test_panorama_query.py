@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.tasks.maps.test_cut_panoramas import LIMITS, XMP
+from tests.tasks.maps.test_cut_panoramas import LIMITS, POSE, XMP, tilted
 from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.equirectangular import panorama_pixels, view_size
+from webapp.core.geometry.tilt import LEVEL, Tilt
 from webapp.core.hypotheses.model import Answer, FieldOfView, Hypothesis, MatchStatistics
 from webapp.files.photos.panorama import find_panorama
 from webapp.files.photos.photo import read_facts
@@ -85,6 +86,23 @@ def test_a_panorama_is_localized_by_all_its_views(cfg, query, quick, method):
     assert total + (answer.off_map_probability or 0.0) == pytest.approx(1.0)
 
 
+def test_a_tilted_panorama_is_localized_by_level_views(cfg, tmp_path, quick):
+    pose = XMP.replace(b"/>", POSE.replace(b"%p", b"25").replace(b"%r", b"-40"))
+    pixels = tilted(texture(1), np.radians(25.0), np.radians(-40.0))
+    query = save(tmp_path / "query.jpg", pixels, xmp=pose)
+    answer = opened(cfg, quick, method="verified").localize(query, top=2)
+    assert np.hypot(answer.hypotheses[0].position[0] - 400.0, answer.hypotheses[0].position[1] - 100.0) < 20.0
+    one, *_ = answer.evidence
+    size, tilt = view_size(WIDE, 17), Tilt(25.0, -40.0)
+    turn = 60.0 * (one.experience % 6)
+    xy = one.photo_xy[one.inlier].astype(float)
+    there, _ = panorama_pixels(xy, size, panorama=(WIDE, HIGH), turn_deg=turn, tilt=tilt)
+    off = one.query_xy[one.inlier] - there
+    off[:, 0] = (off[:, 0] + WIDE / 2) % WIDE - WIDE / 2
+    assert len(off) > 50
+    assert np.median(np.hypot(*off.T)) < 2.0
+
+
 @pytest.mark.parametrize("method", ["vote", "verified"])
 def test_matches_are_in_pixels_of_the_panorama(cfg, query, quick, method):
     pipeline = opened(cfg, quick, method=method)
@@ -111,7 +129,7 @@ def test_a_compass_is_not_compared_with_where_the_photos_look(cfg, query, quick)
 
 
 def test_the_heading_is_that_of_the_middle():
-    view = PanoramaView(view_size(WIDE, 17), (WIDE, HIGH), 300.0)
+    view = PanoramaView(view_size(WIDE, 17), (WIDE, HIGH), 300.0, LEVEL)
     seen = Hypothesis(1, "position", MapPixel(10.0, 20.0), 0.9, 5.0, -80.0, (1,), 30, 40)
     none = MatchStatistics(1, 0, 0, None, None, None, None)
     answer = Answer((seen,), 0.1, 0.0, None, none, fov=FieldOfView(91.0, "exif"))

@@ -21,11 +21,12 @@ XMP = b"""<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF><rdf:Description
  GPano:ProjectionType="equirectangular" GPano:PoseHeadingDegrees="%s"/></rdf:RDF></x:xmpmeta>"""
 
 
-def panorama(path, *, heading=b"350.0", xmp=XMP, wide=720, high=360):
+def panorama(path, *, heading=b"350.0", xmp=XMP, wide=720, high=360, pixels=None):
     """Write a panorama: blue is the angle from the middle, green the elevation, degrees."""
     columns, rows = np.meshgrid(np.arange(wide), np.arange(high))
     around = np.abs((columns + 0.5) / wide * 360.0 - 180.0)
-    pixels = np.stack([around, 180.0 * (1.0 - (rows + 0.5) / high), np.full_like(around, 60.0)], 2)
+    if pixels is None:
+        pixels = np.stack([around, 180.0 * (1.0 - (rows + 0.5) / high), np.full_like(around, 60.0)], 2)
     _, data = cv2.imencode(".jpg", pixels.round().astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, 100])
     data = data.tobytes()
     if xmp:
@@ -60,6 +61,53 @@ def test_views_look_where_they_say(tmp_path):
         edge = pixels[pixels.shape[0] // 2, 0, 0]
         expected = abs((turn - facts.fov_deg / 2.0 + 180.0) % 360.0 - 180.0)
         assert edge == pytest.approx(expected, abs=3)
+
+
+def tilted(pixels, pitch, roll):
+    """Return a panorama of the same place, taken by a camera of that pitch and roll (radians)."""
+    high, wide = pixels.shape[:2]
+    longitude, up = np.meshgrid(
+        ((np.arange(wide) + 0.5) / wide - 0.5) * 2.0 * np.pi, (0.5 - (np.arange(high) + 0.5) / high) * np.pi
+    )
+    x, y, z = np.cos(up) * np.sin(longitude), -np.sin(up), np.cos(up) * np.cos(longitude)
+    x, y = np.cos(roll) * x - np.sin(roll) * y, np.sin(roll) * x + np.cos(roll) * y
+    y, z = np.cos(pitch) * y - np.sin(pitch) * z, np.sin(pitch) * y + np.cos(pitch) * z
+    across = (np.arctan2(x, z) / (2.0 * np.pi) + 0.5) * wide - 0.5
+    down = (0.5 - np.arctan2(-y, np.hypot(x, z)) / np.pi) * high - 0.5
+    return cv2.remap(
+        pixels,
+        across.astype(np.float32),
+        down.astype(np.float32),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_WRAP,
+    )
+
+
+POSE = b' GPano:PosePitchDegrees="%p" GPano:PoseRollDegrees="%r"/>'
+
+
+@pytest.mark.parametrize(("pitch", "roll"), [(20.0, 0.0), (0.0, -35.0), (-15.0, 100.0)])
+def test_views_of_a_tilted_panorama_are_level(tmp_path, pitch, roll):
+    panorama(tmp_path / "level" / "a.jpg")
+    pixels = tilted(cv2.imread(str(tmp_path / "level" / "a.jpg")), np.radians(pitch), np.radians(roll))
+    pose = POSE.replace(b"%p", str(pitch).encode()).replace(b"%r", str(roll).encode())
+    panorama(tmp_path / "tilted" / "a.jpg", xmp=XMP.replace(b"/>", pose), pixels=pixels)
+    both = []
+    for name in ("level", "tilted"):
+        (done,) = cut(tmp_path / name, tmp_path / f"{name}-out", views=4)
+        both.append([cv2.imread(str(tmp_path / f"{name}-out" / view)).astype(int) for view in done.views])
+    for level, levelled in zip(*both, strict=True):
+        assert np.percentile(np.abs(level - levelled), 99.0) <= 4
+
+
+def test_a_tilt_that_cannot_be_is_ignored(tmp_path):
+    for n, text in enumerate((b"nan", b"400", b"up")):
+        pose = POSE.replace(b"%p", text).replace(b"%r", b"0")
+        panorama(tmp_path / "in" / f"{n}.jpg", xmp=XMP.replace(b"/>", pose))
+    panorama(tmp_path / "in" / "level.jpg")
+    done = {one.photo: one.views for one in cut(tmp_path / "in", tmp_path / "out", views=1)}
+    first, *others = (cv2.imread(str(tmp_path / "out" / view)) for (view,) in done.values())
+    assert all((first == other).all() for other in others)
 
 
 def test_the_seam_is_no_edge(tmp_path):

@@ -10,9 +10,10 @@ from PIL import Image
 from pyproj import Geod
 
 from tests.geopackages import point, write_package
-from tests.tasks.maps.test_cut_panoramas import panorama
+from tests.tasks.maps.test_cut_panoramas import POSE, XMP, panorama
 from webapp.core.boxes import BlurBox
 from webapp.core.geo.types import LatLon, MapPixel
+from webapp.core.geometry.tilt import Tilt
 from webapp.core.mapmodel.panorama import Panorama
 from webapp.errors import Cancelled, MapError, UsageError
 from webapp.files.maps.folder import read_map
@@ -386,14 +387,15 @@ def test_progress_and_stopping(folder):
 
 
 def test_panoramas_of_a_folder_are_one_experience_each(tmp_path):
-    panorama(tmp_path / "photos" / "a.jpg")
+    pose = POSE.replace(b"%p", b"3").replace(b"%r", b"0")
+    panorama(tmp_path / "photos" / "a.jpg", xmp=XMP.replace(b"/>", pose))
     panorama(tmp_path / "photos" / "b.jpg", xmp=b"")
     robot = np.full((90, 180), 255, np.uint8)
     robot[60:, :] = 0
     cv2.imwrite(str(tmp_path / "photos" / "mask.png"), robot)
     run(tmp_path)
     said, silent = read_map(tmp_path / "map.cfg").experiences
-    assert (said.panorama, said.heading_deg, said.fov_deg) == (Panorama(), 350.0, 360.0)
+    assert (said.panorama, said.heading_deg, said.fov_deg) == (Panorama(tilt=Tilt(3.0)), 350.0, 360.0)
     assert silent.panorama is None
     around = PanoramaOptions(assume=True, mask=tmp_path / "photos" / "mask.png", highest_deg=45.0)
     run(tmp_path, panoramas=around, force=True)
@@ -403,6 +405,7 @@ def test_panoramas_of_a_folder_are_one_experience_each(tmp_path):
     for one in found:
         assert one.panorama is not None
         assert np.allclose(one.panorama.masked, masked)
+    assert [one.panorama.tilt for one in found] == [Tilt(3.0), Tilt()]
 
 
 def test_files_beside_photos_and_stretched_contrast_are_said(tmp_path):

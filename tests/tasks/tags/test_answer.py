@@ -125,6 +125,13 @@ def test_tags_that_the_map_does_not_have_are_named(ask):
     assert both.note == "the photo shows the tag 36h11 5, which the map does not have; by the tag 36h11 3"
 
 
+def test_the_tag_of_a_check_point_localizes_no_photo(ask):
+    note = "the photo shows the tag 36h11 5, at check points, by which no photo is localized"
+    both = ask([DOOR, replace(GATE, is_check=True)], [DOOR, GATE])
+    assert both.note == f"{note}; by the tag 36h11 3"
+    assert ask([DOOR, replace(GATE, is_check=True)], [GATE]).no_pose.reason == note
+
+
 def test_a_photo_without_tags_gives_no_place(ask):
     answer = ask([DOOR], [])
     assert (answer.hypotheses, answer.no_pose.reason) == ((), "no tag of the map is in sight")

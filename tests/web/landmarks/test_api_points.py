@@ -34,7 +34,7 @@ def points(joined, monkeypatch):
 
 
 def gate(**other):
-    found = {"x_px": 90.0, "y_px": 0.0, "accuracy_m": None, "height_m": None, "tag": None}
+    found = {"x_px": 90.0, "y_px": 0.0, "accuracy_m": None, "height_m": None, "tag": None, "check": False}
     return {**found, "photos": [{"id": 1, "x": 0.1, "y": 0.4}], **other}
 
 
@@ -173,6 +173,23 @@ def test_they_are_judged_when_the_landmarks_are_laid(client, points, library):
     assert "2.jpg" in judged["lonely"]["problem"]
     assert judged["1.jpg"]["photo"] == 1
     assert judged["1.jpg"]["residual_px"] == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_check_point_is_left_out_and_judged(client, points, library):
+    url, record = points
+    spot = (190.0, 5.0, 5.0)
+    body = {"x_px": spot[0] + 3.0, "y_px": spot[1] - 4.0, "photos": clicks(spot, [1, 2]), "check": True}
+    assert client.put(f"{url}/oak", json=body).json["points"][0]["check"] is True
+    with library.database.read() as session:
+        record = session.get_one(MapRecord, record.id)
+    align_in_library(library, record)
+    found = client.get(url).json
+    oak = next(one for one in found["residuals"] if one["name"] == "oak")
+    assert (oak["check"], oak["contradicts"], oak["photos"]) == (True, False, 2)
+    assert (oak["dx_px"], oak["dy_px"]) == pytest.approx((-3.0, 4.0), abs=0.05)
+    assert found["accuracy"]["check"]["rmse_px"] == pytest.approx(5.0, abs=0.05)
+    assert found["accuracy"]["control"]["points"] == 0
+    assert client.put(f"{url}/oak", json={**body, "check": "yes"}).status_code == 422
 
 
 def test_viewers_only_look(sign_in, new_account, points, park, library):

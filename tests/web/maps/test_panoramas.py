@@ -10,6 +10,10 @@ import pytest
 from PIL import Image
 
 from tests.tasks.localize.test_panorama_query import save, texture
+from tests.tasks.maps.test_cut_panoramas import POSE
+from webapp.core.boxes import BlurBox
+from webapp.core.geometry.tilt import Tilt
+from webapp.core.mapmodel.panorama import Panorama
 from webapp.files.maps.folder import read_map
 from webapp.files.photos.panorama import read_panorama
 from webapp.settings import Settings
@@ -46,6 +50,29 @@ def test_a_panorama_is_recognised_when_it_is_uploaded(client, full):
     said, silent = photos_of(client, full)
     assert (said["panorama"], said["heading_deg"], said["fov_deg"]) == ({"masked": []}, 9.5, 360.0)
     assert (silent["panorama"], silent["heading_deg"], silent["fov_deg"]) == (None, None, None)
+
+
+def test_its_tilt_is_read_kept_when_a_mask_is_changed_and_exported(client, full, tmp_path, library):
+    said = save(tmp_path / "c.jpg", texture(3)[::4, ::4])
+    said.write_bytes(
+        said.read_bytes().replace(b'Degrees="0.0"/>', b'Degrees="0"' + POSE).replace(b"%p", b"-4")
+    )
+    tilted = said.read_bytes().replace(b"%r", b"358")
+    client.post(f"/api/v1/maps/{full}/photos", data={"file": [(io.BytesIO(tilted), "c.jpg")]})
+    tilt = {"pitch_deg": -4.0, "roll_deg": -2.0}
+    assert photos_of(client, full)[2]["panorama"] == {"masked": [], **tilt}
+    (changed,) = edit(client, full, 2, panorama={"masked": [BOX]}).json["photos"]
+    assert changed["panorama"] == {"masked": [BOX], **tilt}
+    (level,) = edit(client, full, 2, panorama={"masked": [], "pitch_deg": 0.0, "roll_deg": 0.0}).json[
+        "photos"
+    ]
+    assert level["panorama"] == {"masked": []}
+    client.post(f"/api/v1/maps/{full}/undo")
+    assert edit(client, full, 2, panorama={"pitch_deg": 91.0}).status_code == 422
+    edit(client, full, 2, x_px=50.0, y_px=60.0)
+    with client.get(f"/api/v1/maps/{full}/map.cfg"):
+        (one,) = read_map(library.cfg(full)).experiences
+    assert one.panorama == Panorama((BlurBox(**BOX),), Tilt(-4.0, -2.0))
 
 
 def test_it_is_one_experience_with_one_line(client, full, library):

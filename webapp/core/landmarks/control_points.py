@@ -44,6 +44,7 @@ class KnownPoint:
     photo: NDArray[np.int64]  # (m,) int64. Numbers of the pictures that show it, as in `Submodel.photo`.
     shown_by: tuple[str, ...]  # Names of these pictures; the views of a panorama share one name
     ray: Array  # (m, 3) float64. Unit vectors to it in the frames of their cameras: right, down, front.
+    is_check: bool = False  # Left out of the fit; see `GroundControlPoint`
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +39,12 @@ class PointFit:
     predicted: complex  # Position predicted from the other known positions; NaN if there are too few
     contradicts: bool  # It was left out because the others agree on another position
     wrong: tuple[str, ...]  # Names of the photos whose clicks disagree
+    photos: int  # Number of joined photos whose clicks agree
+    # Standard deviation along each axis, map pixels, of its known position and its clicks together; NaN
+    # where the submodel is not on the map.
+    sigma_px: float
+    # Of a check point: predicted minus known height, map pixels; NaN if it or all control points have none.
+    height_off_px: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,13 +61,44 @@ def georegister(
 ) -> Georegistration:
     """Align a submodel with the map.
 
-    The vertical is estimated from the heights of three or more control points, else from the cameras.
+    The vertical is estimated from the heights of three or more control points, else from the cameras. Check
+    points are only compared with the result.
     """
+    fit = _fit(submodel, known, points=[point for point in points if not point.is_check])
+    tried = [triangulate(point, submodel) for point in points if point.is_check]
+    checks = [one for one in tried if isinstance(one, Triangulated)]
+    problems = tuple(one for one in tried if isinstance(one, NotTriangulated))
+    if isinstance(fit.aligned, NotAligned):
+        fits = _unjudged(checks)
+    else:
+        fits = tuple(_checked(one, fit.aligned, level=fit.level) for one in checks)
+    return Georegistration(fit.aligned, (*fit.points, *fits), (*fit.problems, *problems))
+
+
+class _Fit(NamedTuple):
+    """The alignment by control points, these, those that could not be triangulated, and the level of their
+    heights."""
+
+    aligned: AlignedSubmodel | NotAligned
+    points: tuple[PointFit, ...]
+    problems: tuple[NotTriangulated, ...]
+    level: _Level | None = None
+
+
+class _Level(NamedTuple):
+    """Mean of the control points whose heights are known: how far down, in the submodel's world, and how high
+    on the map."""
+
+    down: float
+    height_px: float
+
+
+def _fit(submodel: Submodel, known: KnownPositions, *, points: Sequence[KnownPoint]) -> _Fit:
     tried = [triangulate(point, submodel) for point in points]
     found = [one for one in tried if isinstance(one, Triangulated)]
     problems = tuple(one for one in tried if isinstance(one, NotTriangulated))
     if not found:
-        return Georegistration(align_submodel(submodel, known), (), problems)
+        return _Fit(align_submodel(submodel, known), (), problems)
     placed = np.isfinite(known.at[submodel.photo])
     names = ", ".join(one.point.name for one in found)
     view = _view(submodel, known, found)
@@ -68,20 +107,51 @@ def georegister(
             "the vertical cannot be estimated from their cameras: give three control points a "
             "height, or place three photos"
         )
-        return Georegistration(
-            NotAligned(reason, tuple(submodel.photo[placed].tolist())), _unjudged(found), problems
-        )
+        return _Fit(NotAligned(reason, tuple(submodel.photo[placed].tolist())), _unjudged(found), problems)
     if placed.sum() + len(found) < 2:
         reason = f"only one position is known, that of the control point {names}"
-        return Georegistration(NotAligned(reason), _unjudged(found), problems)
+        return _Fit(NotAligned(reason), _unjudged(found), problems)
     both = _Extended.of(submodel, known, found=found, view=view)
     aligned = both.align()
     if isinstance(aligned, NotAligned):
         photos = tuple(number for number in aligned.photos if number < len(known.at))
         reason = f"{aligned.reason} (control points: {names})"
-        return Georegistration(NotAligned(reason, photos), _unjudged(found), problems)
-    return Georegistration(
-        _of_photos(aligned, submodel), _fits(aligned, found, first=len(submodel)), problems
+        return _Fit(NotAligned(reason, photos), _unjudged(found), problems)
+    fits = _fits(aligned, found, first=len(submodel))
+    right = [one for one, fit in zip(found, fits, strict=True) if not fit.contradicts]
+    return _Fit(_of_photos(aligned, submodel), fits, problems, _level(right, down=view.frame[2]))
+
+
+def _level(found: Sequence[Triangulated], *, down: Array) -> _Level | None:
+    """Return the level of the control points with a height; None if none has one."""
+    known = [one for one in found if math.isfinite(one.point.height_px)]
+    if not known:
+        return None
+    depths, heights = ([one.at @ down for one in known], [one.point.height_px for one in known])
+    return _Level(float(np.mean(depths)), float(np.mean(heights)))
+
+
+def _checked(one: Triangulated, aligned: AlignedSubmodel, *, level: _Level | None) -> PointFit:
+    """Compare a check point with where the fit puts it."""
+    there, down = aligned.transform.map_point(one.at), aligned.transform.frame[2]
+    scale = abs(there.factor)
+    height = math.nan if level is None else level.height_px + scale * (level.down - float(one.at @ down))
+    return PointFit(
+        one.point.name,
+        one.point.at,
+        there.at,
+        False,
+        one.wrong,
+        len(one.row),
+        _sigma_px(one, aligned, scale=scale),
+        height - one.point.height_px,
+    )
+
+
+def _sigma_px(one: Triangulated, aligned: AlignedSubmodel, *, scale: float) -> float:
+    plan = aligned.transform.frame[:2]
+    return math.hypot(
+        one.point.sigma_px, scale * math.sqrt(float(np.trace(plan @ one.covariance @ plan.T)) / 2.0)
     )
 
 
@@ -178,7 +248,10 @@ def _of_photos(aligned: AlignedSubmodel, submodel: Submodel) -> AlignedSubmodel:
 
 def _unjudged(found: Sequence[Triangulated]) -> tuple[PointFit, ...]:
     nowhere = complex(np.nan, np.nan)
-    return tuple(PointFit(one.point.name, one.point.at, nowhere, False, one.wrong) for one in found)
+    return tuple(
+        PointFit(one.point.name, one.point.at, nowhere, False, one.wrong, len(one.row), math.nan)
+        for one in found
+    )
 
 
 def _fits(aligned: AlignedSubmodel, found: Sequence[Triangulated], *, first: int) -> tuple[PointFit, ...]:
@@ -189,6 +262,8 @@ def _fits(aligned: AlignedSubmodel, found: Sequence[Triangulated], *, first: int
             complex(aligned.predicted[row]),
             bool(aligned.contradicting[row]),
             one.wrong,
+            len(one.row),
+            _sigma_px(one, aligned, scale=abs(aligned.transform.map_point(one.at).factor)),
         )
         for row, one in enumerate(found, first)
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,13 +41,18 @@ class Views:
         """Return the views of pictures that are one photo each."""
         return cls(np.arange(count), np.full(count, -1))
 
-    def between(self, one: int, other: int) -> Iterator[tuple[int, int]]:
-        """Yield the pairs of pictures of two photos; of two panoramas only views with the same turn."""
-        for first in np.flatnonzero(self.photo == one).tolist():
-            for second in np.flatnonzero(self.photo == other).tolist():
-                turns = self.turn_deg[first], self.turn_deg[second]
-                if min(turns) < 0 or turns[0] == turns[1]:
-                    yield first, second
+    def between(
+        self, one: int, other: int, descriptors: Sequence[NDArray[np.uint8]]
+    ) -> Iterator[tuple[int, int]]:
+        """Yield the pairs of pictures of two photos; of two panoramas only views that differ by one turn."""
+        firsts, seconds = (np.flatnonzero(self.photo == number).tolist() for number in (one, other))
+        if self.turn_deg[firsts[0]] < 0 or self.turn_deg[seconds[0]] < 0:
+            yield from product(firsts, seconds)
+            return
+        by = (self.turn_deg[seconds] - self.turn_deg[firsts][:, None]) % 360
+        turn = _turn_between([descriptors[n] for n in firsts], [descriptors[n] for n in seconds], by=by)
+        for row, column in np.argwhere(by == turn).tolist():
+            yield firsts[row], seconds[column]
 
 
 _QUICK_VOTING = 200
@@ -100,10 +106,38 @@ def choose_pairs(
     photos = int(of.photo[-1]) + 1
     ahead = [(i, i + step) for step in range(1, _AHEAD + 1) for i in range(photos - step)]
     near = _nearest(at[np.unique(of.photo, return_index=True)[1]])
-    in_order = [pair for one, other in dict.fromkeys([*ahead, *near]) for pair in of.between(one, other)]
+    in_order = [
+        pair for one, other in dict.fromkeys([*ahead, *near]) for pair in of.between(one, other, descriptors)
+    ]
     chosen = np.array([*in_order, *_voted(descriptors, of.photo)], np.int64).reshape(-1, 2)
     chosen = chosen[some[chosen].all(1)]
     return np.unique(np.sort(chosen, axis=1), axis=0)
+
+
+def _turn_between(
+    first: Sequence[NDArray[np.uint8]], second: Sequence[NDArray[np.uint8]], *, by: NDArray[np.int64]
+) -> int:
+    """Find the turn between the views of two panoramas at which most of their strongest descriptors match.
+
+    Their middles may look anywhere: a map has panoramas without headings, and headings are wrong indoors.
+
+    Args:
+        by: (n, m) int64. Turn from each of the first views to each of the second ones, degrees.
+
+    Returns:
+        int: One of `by`; 0 or the smallest one if nothing matches.
+    """
+    (row, column), (rows, columns) = zip(*(_strongest(views) for views in (first, second)), strict=True)
+    matches = match_mutually(rows, columns)
+    votes = np.bincount(by[row[matches[:, 0]], column[matches[:, 1]]], minlength=360)
+    turns = np.unique(by)
+    return int(turns[votes[turns].argmax()])
+
+
+def _strongest(views: Sequence[NDArray[np.uint8]]) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+    """Return the strongest descriptors of views, and the view of each."""
+    some = [one[:_VOTING] for one in views]
+    return np.repeat(np.arange(len(some)), [len(one) for one in some]), np.concatenate(some)
 
 
 def _nearest(at: NDArray[np.complex128]) -> list[tuple[int, int]]:

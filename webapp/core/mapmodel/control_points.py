@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
@@ -63,6 +63,16 @@ class GroundControlPoint:
     accuracy_m: float | None = None
     height_m: float | None = None  # In metres above any reference level common to all points of the map
     tag: Tag | None = None  # The tag that is mounted there
+    is_check: bool = False  # A check point: left out of every fit, to measure how accurate it is
+
+
+def tag_anchors(points: Iterable[GroundControlPoint]) -> list[GroundControlPoint]:
+    """Return the points on the map whose tags localize photos: those of check points do not."""
+    return [
+        point
+        for point in points
+        if point.tag is not None and point.position is not None and not point.is_check
+    ]
 
 
 def name_problem(name: str) -> str | None:

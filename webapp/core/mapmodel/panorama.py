@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.boxes import BlurBox, boxes_key
+from webapp.core.geometry.tilt import LEVEL, Tilt
 
 VIEWS = 6
 """Number of views of a panorama, evenly spaced all around; the first looks towards its middle."""
@@ -32,20 +33,24 @@ class Panorama:
     """A photo that shows the whole sphere; its heading is that of its middle."""
 
     masked: tuple[BlurBox, ...] = ()  # Parts that are not used for recognition: the robot, the sky
+    tilt: Tilt = LEVEL
 
     def views(self) -> tuple[LevelView, ...]:
-        return tuple(LevelView(round(360.0 * n / VIEWS), self.masked) for n in range(VIEWS))
+        return tuple(LevelView(round(360.0 * n / VIEWS), self.masked, self.tilt) for n in range(VIEWS))
 
 
 @dataclass(frozen=True, slots=True)
 class LevelView:
     turn_deg: int  # Clockwise turn from the middle of the panorama
     masked: tuple[BlurBox, ...] = ()  # Masked parts of the panorama
+    tilt: Tilt = LEVEL  # Of the panorama
 
     @property
     def key(self) -> str:
         """Key that distinguishes it from other views of the same file."""
-        return f"{self.turn_deg:03}" if not self.masked else f"{self.turn_deg:03}-{boxes_key(self.masked)}"
+        masked = f"-{boxes_key(self.masked)}" if self.masked else ""
+        tilt = "" if self.tilt.is_level else f"-{self.tilt.pitch_deg:g},{self.tilt.roll_deg:g}"
+        return f"{self.turn_deg:03}{masked}{tilt}"
 
     def content(self, sha256: str) -> str:
         """Return a hash that identifies its pixels, as the SHA-256 of the file does for a photo."""

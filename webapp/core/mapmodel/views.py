@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from webapp.core.boxes import BlurBox, boxes_key
 from webapp.core.mapmodel.model import MapPhoto
-from webapp.core.mapmodel.panorama import LevelView, Panorama, view_id
+from webapp.core.mapmodel.panorama import LevelView, view_id
 
 OnePhoto = TypeVar("OnePhoto", bound=MapPhoto)
 
@@ -43,7 +43,7 @@ def _views(photo: OnePhoto) -> Iterator[OnePhoto]:
         yield photo
         return
     middle = photo.heading_deg
-    masked = Panorama(photo.panorama.masked + photo.blurred)
+    masked = replace(photo.panorama, masked=photo.panorama.masked + photo.blurred)
     for number, view in enumerate(masked.views()):
         heading = None if middle is None else (middle + view.turn_deg) % 360.0
         id = view_id(photo.id, number)

@@ -35,12 +35,16 @@ COLUMNS = (
     "tag_size_mm",
     "tag_mount",
     "tag_heading_deg",
+    "check",
     "photo",
     "photo_x_px",
     "photo_y_px",
 )
 _ODM_CELLS, _MOST_DIGITS = 6, 6
-_TEXTS = ("name", "tag", "tag_mount", "photo")
+_TEXTS = ("name", "tag", "tag_mount", "check", "photo")
+_YES_NO: Mapping[str, bool | None] = {
+    "": None, "yes": True, "true": True, "1": True, "no": False, "false": False, "0": False
+}  # fmt: skip
 _PAIRS = (("x_px", "y_px"), ("lat", "lon"), ("photo_x_px", "photo_y_px"))
 
 
@@ -56,6 +60,7 @@ class PointRow:
     photo: str | None = None  # Path or file name
     click_px: tuple[float, float] | None = None  # Pixels from the top-left corner of the upright photo
     tag: Tag | None = None
+    is_check: bool | None = None  # Whether it is a check point
 
 
 def read_rows(path: Path) -> list[PointRow]:
@@ -137,7 +142,15 @@ def _row(cells: Mapping[str, str], where: str) -> PointRow:
         texts.get("photo") or None,
         click,
         _tag(texts, values["tag_size_mm"], values["tag_heading_deg"], where=where),
+        _yes_or_no(texts.get("check", ""), where),
     )
+
+
+def _yes_or_no(text: str, where: str) -> bool | None:
+    try:
+        return _YES_NO[text.lower()]
+    except KeyError:
+        raise TableError(f"check is not yes or no: {text[:40]!r}", where=where) from None
 
 
 def _tag(
@@ -179,7 +192,8 @@ def format_rows(rows: Iterable[PointRow], latlon: Mapping[str, LatLon]) -> str:
         facts = ["" if value is None else value for value in (row.height_m, row.accuracy_m)]
         click = ("", "") if row.click_px is None else [f"{value:.2f}" for value in row.click_px]
         photo = plain_cell(row.photo or "")
-        writer.writerow([plain_cell(row.name), *at, *degrees, *facts, *_tag_cells(row.tag), photo, *click])
+        own = [*_tag_cells(row.tag), "yes" if row.is_check else ""]
+        writer.writerow([plain_cell(row.name), *at, *degrees, *facts, *own, photo, *click])
     return out.getvalue()
 
 

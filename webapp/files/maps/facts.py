@@ -8,10 +8,14 @@ from datetime import datetime
 from typing import Any
 
 from webapp.core.boxes import MOST_BOXES, BlurBox
+from webapp.core.geometry.tilt import Tilt
 from webapp.core.mapmodel.facts import FixedForm, Form, NumberForm, TextForm
 from webapp.core.mapmodel.model import FACTS, MapPhoto, PhotoSource
 from webapp.core.mapmodel.panorama import Panorama
 from webapp.files.json_fields import JsonField, finite
+
+_TILTS = {"pitch_deg": 90.0, "roll_deg": 180.0}
+"""Fields of a tilt, and how large they may be."""
 
 
 def parse_facts(fields: Mapping[str, JsonField]) -> dict[str, Any]:
@@ -68,9 +72,12 @@ def source_fields(source: PhotoSource | None) -> dict[str, str] | None:
     return None if source is None else {name: text for name, text in asdict(source).items() if text}
 
 
-def panorama_fields(panorama: Panorama | None) -> dict[str, list[dict[str, float]]] | None:
+def panorama_fields(panorama: Panorama | None) -> dict[str, Any] | None:
     """Return the data of a panorama in the form of `map.json`; None stays None."""
-    return None if panorama is None else {"masked": [box._asdict() for box in panorama.masked]}
+    if panorama is None:
+        return None
+    tilt = {} if panorama.tilt.is_level else asdict(panorama.tilt)
+    return {"masked": [box._asdict() for box in panorama.masked], **tilt}
 
 
 def parse_panorama(value: object, *, where: str = "panorama") -> Panorama | None:
@@ -132,5 +139,12 @@ def _source(item: JsonField) -> PhotoSource:
 
 
 def _panorama(item: JsonField) -> Panorama:
-    masked = item.record(required=(), optional=("masked",))["masked"]
-    return Panorama(tuple(_box(box) for box in masked.items()))
+    fields = item.record(required=(), optional=("masked", *_TILTS))
+    tilt = Tilt(**{name: _angle(fields[name], most) for name, most in _TILTS.items()})
+    return Panorama(tuple(_box(box) for box in fields["masked"].items()), tilt)
+
+
+def _angle(field: JsonField, most: float) -> float:
+    if field.missing:
+        return 0.0
+    return field.number(f"from -{most:g} to {most:g}", valid=lambda value: abs(value) <= most)

@@ -23,7 +23,7 @@ from webapp.core.mapmodel.paths import name_problem
 from webapp.files.json_fields import JsonField, by_id, finite
 from webapp.files.maps.facts import parse_text
 
-_FACTS = ("x_px", "y_px", "accuracy_m", "height_m", "photos", "tag")
+_FACTS = ("x_px", "y_px", "accuracy_m", "height_m", "photos", "tag", "check")
 
 
 def parse_control_points(field: JsonField) -> tuple[GroundControlPoint, ...]:
@@ -56,7 +56,13 @@ def point_fields(point: GroundControlPoint) -> dict[str, Any]:
     }
     clicks = [{"id": click.photo, "x": click.x, "y": click.y} for click in point.clicks]
     tag = {} if point.tag is None else {"tag": tag_fields(point.tag)}
-    return {**{name: value for name, value in known.items() if value is not None}, "photos": clicks, **tag}
+    check = {"check": True} if point.is_check else {}
+    return {
+        **{name: value for name, value in known.items() if value is not None},
+        "photos": clicks,
+        **tag,
+        **check,
+    }
 
 
 def tag_fields(tag: Tag) -> dict[str, Any]:
@@ -88,6 +94,7 @@ def _point(name: str, fields: Mapping[str, JsonField], item: JsonField) -> Groun
         None if accuracy.missing else accuracy.number("a finite number of metres", valid=finite),
         None if height.missing else height.number("a finite number of metres", valid=finite),
         None if fields["tag"].missing else _tag(fields["tag"]),
+        not fields["check"].missing and fields["check"].boolean(),
     )
 
 

@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 from webapp.core.boxes import BlurBox
 from webapp.core.geometry.equirectangular import ViewSize, sample, view_pixels, view_size
 from webapp.core.geometry.rig import RigCamera
+from webapp.core.geometry.tilt import LEVEL, Tilt
 from webapp.core.mapmodel.panorama import FOCAL_35MM, LevelView, boxes_of_mask
 from webapp.errors import InputError, PhotoError
 from webapp.files.json_fields import JsonField, finite, parse_json
 from webapp.files.listing import natural_key
 from webapp.files.photos.photo import GrayPhoto, PhotoFacts, read_file, read_gray, scaled_gray
+from webapp.files.photos.xmp import read_tilt
 from webapp.settings import PhotoLimits
 
 _GPANO = re.compile(rb'GPano:(\w+)\s*(?:=\s*["\']|>)\s*([^"\'<]+)')
@@ -36,6 +38,7 @@ class PanoramaTags:
     is_marked: bool  # It has the XMP of an equirectangular panorama
     is_whole: bool  # It is twice as wide as high, and was not cropped
     heading_deg: float | None  # Heading of its middle
+    tilt: Tilt = LEVEL
 
 
 def read_panorama(content: bytes, size: tuple[int, int]) -> PanoramaTags:
@@ -48,7 +51,8 @@ def read_panorama(content: bytes, size: tuple[int, int]) -> PanoramaTags:
     if full is not None and shown is not None and full != shown:
         is_whole = False
     marked = tags.get("ProjectionType", "").lower() == "equirectangular"
-    return PanoramaTags(marked, is_whole, _number(tags.get("PoseHeadingDegrees")))
+    tilt, _ = read_tilt(tags)
+    return PanoramaTags(marked, is_whole, _number(tags.get("PoseHeadingDegrees")), tilt)
 
 
 def is_whole_sphere(width: int, height: int) -> bool:
@@ -115,14 +119,16 @@ def cut_level_view(
     """
     high, wide = pixels.shape[:2]
     size = size or view_size(wide, FOCAL_35MM)
-    x, y, _ = view_pixels(size, panorama=(wide, high), turn_deg=view.turn_deg)
+    x, y, _ = view_pixels(size, panorama=(wide, high), turn_deg=view.turn_deg, tilt=view.tilt)
     cut = sample(pixels, x, y)
     used = np.ones(cut.shape[:2], np.bool_)
-    across = ((x[0] + 0.5) / wide) % 1.0  # the same in all rows
+    across, down = ((x + 0.5) / wide) % 1.0, (y + 0.5) / high
     for box in view.masked:
-        columns = np.flatnonzero((across >= box.x) & (across <= box.x + box.width))
-        down = (y[:, columns] + 0.5) / high
-        used[:, columns] &= (down < box.y) | (down > box.y + box.height)
+        # where the panorama is level, `across` is the same in all rows
+        inside = (across >= box.x) & (across <= box.x + box.width)
+        columns = np.flatnonzero(inside.any(0))
+        below, above = down[:, columns] < box.y, down[:, columns] > box.y + box.height
+        used[:, columns] &= below | above | ~inside[:, columns]
     cut[~used] = GREY
     return cut, used
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 
 from PIL import Image
 
+from webapp.core.geometry.tilt import LEVEL, Tilt
 from webapp.errors import TrackError
 from webapp.files.photos.exif import ABSENT, Gps, Heading, NoGps, read_gps, read_heading
 
@@ -23,7 +24,10 @@ _WIDE = 2.4
 """Aspect ratio from which on a photo may be a part of a panorama: no camera has such a sensor."""
 
 _WHOLE, _TOLERANCE = 2.0, 0.01
-_TILTED_DEG = 2.0
+_TILTS = {"PosePitchDegrees": 90, "PoseRollDegrees": 360}
+"""Properties, and how large their numbers may be; some cameras count the roll from 0 to 360."""
+
+_TILT_DIGITS = 2
 _PHOTO = ["RDF", "Description"]
 """Elements around the properties of the photo itself; deeper ones may be of the place that it shows."""
 
@@ -207,8 +211,27 @@ def panorama_notes(xmp: Xmp, *, width: int, height: int, has_fov: bool) -> tuple
     full, shown = xmp.panorama("FullPanoWidthPixels"), xmp.panorama("CroppedAreaImageWidthPixels")
     if (full and shown and full != shown) or abs(width / height - _WHOLE) > _TOLERANCE * _WHOLE:
         return ("it is a part of a panorama, and is taken as a plain photo",)
-    tilts = [_number(xmp.panorama(name)) for name in ("PosePitchDegrees", "PoseRollDegrees")]
-    tilted = [abs(math.remainder(tilt, 360.0)) for tilt in tilts if not math.isnan(tilt)]
-    if max(tilted, default=0.0) <= _TILTED_DEG:
-        return ()
-    return (f"it is a panorama tilted by {max(tilted):.0f} degrees, which is not levelled",)
+    tilt, problem = read_tilt({name: xmp.panorama(name) for name in _TILTS})
+    if problem:
+        return (problem,)
+    return () if tilt.is_level else ("its panorama is levelled by the pitch and roll in its metadata",)
+
+
+def read_tilt(tags: Mapping[str, str]) -> tuple[Tilt, str]:
+    """Read the tilt of a panorama from its properties of Photo Sphere, by name.
+
+    Returns:
+        tilt: Level if one of the angles is missing or not valid.
+        problem: A sentence about an angle that is not valid; else empty.
+    """
+    angles = []
+    for name, most in _TILTS.items():
+        text = tags.get(name, "").strip()
+        value = _number(text) if text else 0.0
+        if not abs(value) <= most:
+            return (
+                LEVEL,
+                f"its {name} is not a number of degrees from -{most} to {most}: it is taken as level",
+            )
+        angles.append(round(math.remainder(value, 360.0), _TILT_DIGITS) + 0.0)
+    return Tilt(*angles), ""

@@ -79,7 +79,8 @@ def adjust_submodels(
         if rigid is None:
             raise IndexDamaged("the stored pieces are missing", where=str(found.folder), hint="run it again")
         known = known_positions(found.photos, the_map)
-        points, adjusted = found_points(found, the_map), _key_of(known, the_map)
+        points = [point for point in found_points(found, the_map) if not point.is_check]
+        adjusted = _key_of(known, the_map)
         if now is None or (now.key, now.adjusted) != (rigid.key, adjusted):
             now = _adjust(rigid, known, points, found=found, adjusted=adjusted, progress=progress)
             write_submodels(found.folder / SUBMODELS_FILE, now)
@@ -93,7 +94,9 @@ def adjust_submodels(
 
 def _key_of(known: KnownPositions, the_map: Map) -> str:
     rows = np.column_stack([known.at.real, known.at.imag, known.sigma_px]).round(3).tolist()
-    points = [asdict(point) for point in the_map.control_points if point.position is not None]
+    points = [
+        asdict(point) for point in the_map.control_points if point.position is not None and not point.is_check
+    ]
     return hashlib.sha256(json.dumps([_FORMAT, rows, points]).encode()).hexdigest()[:16]
 
 

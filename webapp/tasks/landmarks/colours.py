@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.boxes import BlurBox
+from webapp.core.geometry.tilt import LEVEL
 from webapp.core.landmarks.cloud import LandmarkCloud
 from webapp.core.mapmodel.panorama import LevelView
 from webapp.errors import MapError, PhotoError
@@ -50,9 +51,10 @@ def colour_cloud(cfg: Path, found: Reconstruction, *, limits: PhotoLimits, progr
             return None
         try:
             one = found.photos[photo]
-            picture = _Picture(
-                photo_path(cfg, one.photo), one.blurred, found.turn_of.get(cloud.contents[number])
-            )
+            turn = found.turn_of.get(cloud.contents[number])
+            tilt = LEVEL if one.panorama is None else one.panorama.tilt
+            view = None if turn is None else LevelView(turn, tilt=tilt)
+            picture = _Picture(photo_path(cfg, one.photo), one.blurred, view)
             return _sample(picture, cloud, number, limits=limits)
         except (PhotoError, MapError, OSError):
             return None  # e.g. deleted since; other photos see the points, too
@@ -75,23 +77,23 @@ def colour_cloud(cfg: Path, found: Reconstruction, *, limits: PhotoLimits, progr
 
 @dataclass(frozen=True, slots=True)
 class _Picture:
-    """A photo, or the view of a panorama that is turned by `turn_deg`."""
+    """A photo, or a view of a panorama."""
 
     path: Path
     blurred: tuple[BlurBox, ...]
-    turn_deg: int | None
+    view: LevelView | None
 
 
 def _sample(picture: _Picture, cloud: LandmarkCloud, number: int, *, limits: PhotoLimits) -> Sampled:
     """Return the points that a picture shows and their colours: red, green, blue."""
     rows = slice(int(cloud.first[number]), int(cloud.first[number + 1]))
     path, blurred = picture.path, picture.blurred
-    if picture.turn_deg is None:
+    if picture.view is None:
         full = read_facts(path, limits=limits)
         pixels = read_blurred(path, blurred, limits=limits, max_side=_SIDE_PX)
         scale = max(pixels.shape[:2]) / max(full.width, full.height)
     else:
-        pixels, _ = cut_level_view(read_blurred(path, blurred, limits=limits), LevelView(picture.turn_deg))
+        pixels, _ = cut_level_view(read_blurred(path, blurred, limits=limits), picture.view)
         scale = 1.0
     column, row = np.floor((cloud.seen_xy[rows] + 0.5) * scale).astype(np.int64).T
     high, wide = pixels.shape[:2]

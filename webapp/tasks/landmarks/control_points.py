@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.equirectangular import ray_of_panorama
 from webapp.core.landmarks.absolute_pose import Lens, ray_of_pixel
@@ -52,20 +53,46 @@ class Residual:
     contradicts: bool = False  # It was left out as an outlier: the others agree on another position
     wrong: tuple[str, ...] = ()  # Photos whose clicks of a control point disagree with the others
     problem: str | None = None  # Why a control point takes no part
+    is_check: bool = False  # It is a check point
+    photos: int = 0  # Number of joined photos with clicks of a control point that agree
+    # Standard deviation along each axis of a control point's known position and clicks together.
+    sigma_px: float | None = None
+    height_off_px: float | None = None  # Of a check point: predicted minus known height
+
+    @property
+    def shift_px(self) -> tuple[float, float] | None:
+        """From the known to the predicted position: right and down."""
+        if self.at is None or self.predicted is None:
+            return None
+        return self.predicted.x - self.at.x, self.predicted.y - self.at.y
 
     @property
     def residual_px(self) -> float | None:
         """Distance between the two positions."""
-        if self.at is None or self.predicted is None:
+        return None if self.shift_px is None else math.hypot(*self.shift_px)
+
+    def shift_m(self, the_map: Map) -> tuple[float, float] | None:
+        """Return the shift in metres east and north, on a map with a georeference."""
+        georeference = the_map.georeference
+        if self.at is None or self.predicted is None or georeference is None:
             return None
-        return math.dist(self.at, self.predicted)
+        frame = LocalFrame(georeference.latlon_of(self.at))
+        (east, north), (there_east, there_north) = georeference.enu_from_pixel(
+            [self.at, self.predicted], frame
+        ).tolist()
+        shift = there_east - east, there_north - north
+        return shift if all(map(math.isfinite, shift)) else None
 
     def residual_m(self, the_map: Map) -> float | None:
         """Return `residual_px` in metres, on a map with a georeference."""
-        off = self.residual_px
-        if off is None or self.at is None or the_map.georeference is None:
+        shift = self.shift_m(the_map)
+        return None if shift is None else math.hypot(*shift)
+
+    def in_metres(self, px: float | None, the_map: Map) -> float | None:
+        """Convert a length at the known position, on a map with a georeference."""
+        if px is None or self.at is None or the_map.georeference is None:
             return None
-        return off * the_map.georeference.metres_per_pixel(self.at)
+        return px * the_map.georeference.metres_per_pixel(self.at)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,7 +171,18 @@ def known_points(
         ray = np.array([ray for _, _, ray in rays], np.float64).reshape(-1, 3)
         sigma, height = _sigma_and_height(point, point.position, the_map)
         shown_by = tuple(name for _, name, _ in rays)
-        found.append(KnownPoint(point.name, complex(*point.position), sigma, height, numbers, shown_by, ray))
+        found.append(
+            KnownPoint(
+                point.name,
+                complex(*point.position),
+                sigma,
+                height,
+                numbers,
+                shown_by,
+                ray,
+                point.is_check,
+            )
+        )
     return tuple(found)
 
 
@@ -162,9 +200,10 @@ def _ray(
 ) -> NDArray[np.float64] | None:
     """Return the ray of a click in the frame of the photo's camera; None if its lens is unknown."""
     if photo.view is not None:
-        return np.asarray(view_rotation(photo.view.turn_deg) @ ray_of_panorama(click.x, click.y))
+        ray = ray_of_panorama(click.x, click.y, photo.view.tilt)
+        return np.asarray(view_rotation(photo.view.turn_deg) @ ray)
     if photo.panorama is not None:
-        return ray_of_panorama(click.x, click.y)
+        return ray_of_panorama(click.x, click.y, photo.panorama.tilt)
     lens = lenses.lens(number)
     if lens is None:
         return None
@@ -203,7 +242,8 @@ def _of_photos(
 def _of_point(point: GroundControlPoint, results: Iterable[Georegistration]) -> Residual:
     """Return the residual of a control point in the first submodel that has it, or why none has it."""
     if point.position is None:
-        return Residual(None, point.name, None, problem="it is not on the map yet")
+        problem = "it is not on the map yet"
+        return Residual(None, point.name, None, problem=problem, is_check=point.is_check)
     clicks, problem = -1, "no photo is joined with others"
     wrong: tuple[str, ...] = ()
     for result in results:
@@ -213,11 +253,34 @@ def _of_point(point: GroundControlPoint, results: Iterable[Georegistration]) -> 
             elif fit.name == point.name:
                 there = fit.predicted
                 others = None if math.isnan(there.real) else MapPixel(there.real, there.imag)
-                return Residual(None, point.name, point.position, others, fit.contradicts, fit.wrong)
+                return Residual(
+                    None,
+                    point.name,
+                    point.position,
+                    others,
+                    fit.contradicts,
+                    fit.wrong,
+                    is_check=point.is_check,
+                    photos=fit.photos,
+                    sigma_px=_finite(fit.sigma_px),
+                    height_off_px=_finite(fit.height_off_px),
+                )
         for one in result.problems:
             if one.point.name == point.name and one.clicks > clicks:
                 clicks, problem = one.clicks, f"it {one.reason}" if one.clicks < 2 else one.reason
-    return Residual(None, point.name, point.position, wrong=wrong, problem=problem)
+    return Residual(
+        None,
+        point.name,
+        point.position,
+        wrong=wrong,
+        problem=problem,
+        is_check=point.is_check,
+        photos=clicks if 0 < clicks < _MANY else 0,
+    )
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def stored_residuals(cfg: Path, the_map: Map) -> list[Residual] | None:

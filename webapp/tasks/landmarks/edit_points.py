@@ -137,7 +137,23 @@ def points_from(rows: Sequence[PointRow], the_map: Map, *, size: Size) -> dict[s
             accuracy,
             _one(some, "height_m"),
             _one(some, "tag"),
+            bool(_one(some, "is_check")),
         )
+    return found
+
+
+def with_checks(the_map: Map, changes: Points, *, checks: Mapping[str, bool]) -> Points:
+    """Return the changes with some points made check points, or control points again.
+
+    Raises NotFound.
+    """
+    there = {point.name: point for point in the_map.control_points} | dict(changes)
+    found = dict(changes)
+    for name, is_check in checks.items():
+        point = there.get(name)
+        if point is None:
+            raise NotFound(f"the map has no control point {name}")
+        found[name] = replace(point, is_check=is_check)
     return found
 
 
@@ -157,12 +173,12 @@ def _rows(the_map: Map, size: Size) -> Iterator[PointRow]:
         facts = ("", point.position, point.height_m, point.accuracy_m)
         clicks = [click for click in point.clicks if click.photo in photos]
         if not clicks:
-            yield PointRow(point.name, *facts, tag=point.tag)
+            yield PointRow(point.name, *facts, tag=point.tag, is_check=point.is_check)
         for click in clicks:
             photo = photos[click.photo]
             width, height = size(photo)
             at = (click.x * width, click.y * height)
-            yield PointRow(point.name, *facts, photo.photo, at, point.tag)
+            yield PointRow(point.name, *facts, photo.photo, at, point.tag, point.is_check)
 
 
 def _photo(row: PointRow, name: str, photos: Sequence[AnyPhoto]) -> AnyPhoto:

@@ -38,6 +38,7 @@ from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.maps.blurred import blurred_elsewhere
 from webapp.store.schema import MapRecord
+from webapp.tasks.landmarks.accuracy import accuracy_fields, accuracy_of, residual_fields
 from webapp.tasks.landmarks.control_points import PhotoLenses, Residual, georegister_all, residuals_of
 from webapp.tasks.landmarks.known import AnyPhoto
 from webapp.tasks.localize.index_location import landmarks_folder
@@ -46,7 +47,7 @@ from webapp.tasks.maps.library_map import as_map
 BLOCK_POINTS = 131_072
 """Points that are sent at once; each block is a sample of the whole map."""
 
-VERSION = 5
+VERSION = 6
 """Version of the georegistration and the stored data."""
 _BY_PLACED = "seen_by_placed"
 """Key of `MapPoints.about`: number of points that placed photos see. These come first."""
@@ -66,7 +67,7 @@ class ShownCloud:
     # As last georegistered. `about` has further data for the page: `unit` ("m" or "px"), `origin`, `frame`
     # (the same in words), `coloured`, `cameras` (`id, panorama, at, rotation, focal_px`), `corners` of the
     # image, its height `ground`, `left_out`: photos of submodels that cannot be georegistered (`photos`,
-    # `reason`), and `residuals` of placed photos and control points.
+    # `reason`), `residuals` of placed photos and control points, and their `accuracy`.
     points: MapPoints | None
     is_current: bool  # Whether nothing has changed since; also True without landmarks
     new_photos: int = 0  # Photos of the map that were added after the landmarks were computed
@@ -200,6 +201,7 @@ def _aligned_points(task: _Task) -> MapPoints:
     lenses = PhotoLenses(task.folder, stored.cloud, dict(enumerate(submodels.contents)))
     results = georegister_all(submodels.submodels, of_cloud, the_map=the_map, lenses=lenses)
     aligned = [result.aligned for result in results]
+    residuals = residuals_of(submodels.submodels, results, photos=of_cloud, the_map=the_map)
     frame = CloudFrame(the_map.georeference, (the_map.satellite.width, the_map.satellite.height))
     cloud = align_cloud(stored.cloud, submodels.submodels, aligned=aligned, frame=frame)
     order = np.random.default_rng(0).permutation(len(cloud.point))
@@ -223,10 +225,8 @@ def _aligned_points(task: _Task) -> MapPoints:
             ],
             "cameras": list(_cameras(cloud, of_cloud, focal_px=stored.cloud.focal_px)),
             "left_out": _left_out(submodels, aligned, of_cloud),
-            "residuals": [
-                _residual(one, the_map)
-                for one in residuals_of(submodels.submodels, results, photos=of_cloud, the_map=the_map)
-            ],
+            "residuals": [_residual(one, the_map) for one in residuals],
+            "accuracy": accuracy_fields(accuracy_of(residuals, the_map)),
         },
     )
 
@@ -260,18 +260,12 @@ def _about(frame: CloudFrame, cloud: MapCloud) -> dict[str, Any]:
 
 
 def _residual(one: Residual, the_map: Map) -> dict[str, Any]:
-    metres, pixels = one.residual_m(the_map), one.residual_px
     return {
-        "photo": one.photo,
-        "name": one.name,
+        **residual_fields(one, the_map),
         "x_px": one.at and round(one.at.x, 2),
         "y_px": one.at and round(one.at.y, 2),
         "others_x_px": one.predicted and round(one.predicted.x, 2),
         "others_y_px": one.predicted and round(one.predicted.y, 2),
-        "residual_px": pixels if pixels is None else round(pixels, 2),
-        "residual_m": metres if metres is None else round(metres, 3),
-        "contradicts": one.contradicts,
-        "wrong_clicks": list(one.wrong),
         "problem": one.problem,
     }
 

@@ -44,6 +44,7 @@ from webapp.core.localize import vote
 from webapp.core.localize.landmarks import find_by_landmarks
 from webapp.core.localize.verified import PlaceSearch, find_places_by_fov, with_probabilities
 from webapp.core.localize.vote import match_statistics
+from webapp.core.mapmodel.control_points import tag_anchors
 from webapp.core.mapmodel.model import Map
 from webapp.core.reconstruction.depths import DepthObservations, DepthsExcluding
 from webapp.core.retrieval.fields_of_view import cropped_fov_deg
@@ -398,7 +399,7 @@ _TAG_PLACE_M = 2.0
 
 def _radius_of_tags(the_map: Map) -> float:
     georeference = the_map.georeference
-    at = next((p.position for p in the_map.control_points if p.tag and p.position), None)
+    at = next((point.position for point in tag_anchors(the_map.control_points)), None)
     return 1.0 if georeference is None or at is None else _TAG_PLACE_M / georeference.metres_per_pixel(at)
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from webapp.core.features.bars import Inside, inside_bars
 from webapp.core.features.global_descriptor import GlobalDescriptor
 from webapp.core.geometry.equirectangular import ViewSize, cut_view, panorama_pixels, panorama_size, view_size
+from webapp.core.geometry.tilt import Tilt
 from webapp.core.hypotheses.model import Answer, Evidence, FieldOfView, Hypothesis
 from webapp.core.mapmodel.panorama import FOCAL_35MM, VIEWS, experience_of
 from webapp.core.retrieval.fields_of_view import cropped_fov_deg, guessed_fov_deg
@@ -32,6 +33,7 @@ class PanoramaView:
     size: ViewSize
     panorama: tuple[int, int]  # Width and height of the panorama, pixels
     turn_deg: float  # Clockwise rotation of the view from the middle of the panorama
+    tilt: Tilt  # Of the panorama
 
     def to_panorama(self, answer: Answer) -> Answer:
         """Convert the view's answer to the panorama: heading of its middle, and matches in its pixels."""
@@ -47,7 +49,7 @@ class PanoramaView:
 
     def _on_panorama(self, evidence: Evidence) -> Evidence:
         xy = evidence.query_xy.astype(np.float64)
-        at, _ = panorama_pixels(xy, self.size, panorama=self.panorama, turn_deg=self.turn_deg)
+        at, _ = panorama_pixels(xy, self.size, panorama=self.panorama, turn_deg=self.turn_deg, tilt=self.tilt)
         return replace(evidence, query_xy=at.astype(np.float32))
 
 
@@ -74,7 +76,7 @@ def _of_experience(evidence: Evidence, opened: OpenMap) -> Evidence:
     size = ViewSize(*opened.indexed.photo_size(int(number)), FOCAL_35MM)
     whole = panorama_size(size.width, FOCAL_35MM)
     xy = evidence.photo_xy.astype(np.float64)
-    at, _ = panorama_pixels(xy, size, panorama=whole, turn_deg=view.turn_deg)
+    at, _ = panorama_pixels(xy, size, panorama=whole, turn_deg=view.turn_deg, tilt=view.tilt)
     return replace(evidence, experience=experience_of(evidence.experience), photo_xy=at.astype(np.float32))
 
 
@@ -149,8 +151,9 @@ def read_query(
     started = time.perf_counter()
     limits = settings.photo
     facts = read_facts(path, limits=limits)
-    if find_panorama(path, facts, limits=limits) is not None:
-        return [*_views(path, settings=settings, describe=describe)]
+    around = find_panorama(path, facts, limits=limits)
+    if around is not None:
+        return [*_views(path, around.tilt, settings=settings, describe=describe)]
     gray = read_gray(path, limits=limits, max_side=settings.extract.max_side_px)
     size = gray.full_size
     # A camera that states its field of view makes no bars.
@@ -196,7 +199,9 @@ def _field_of_view(facts: PhotoFacts, gray: GrayPhoto, *, given: float | None) -
     return FieldOfView(guessed_fov_deg(*gray.full_size), "guess")
 
 
-def _views(path: Path, *, settings: Settings, describe: GlobalDescriptor | None) -> Iterator[QueryPhoto]:
+def _views(
+    path: Path, tilt: Tilt, *, settings: Settings, describe: GlobalDescriptor | None
+) -> Iterator[QueryPhoto]:
     started = time.perf_counter()
     pixels = read_upright(path, limits=settings.photo)
     height, width = pixels.shape[:2]
@@ -204,10 +209,10 @@ def _views(path: Path, *, settings: Settings, describe: GlobalDescriptor | None)
     fov = FieldOfView(size.camera.fov_deg, "exif")
     for number in range(VIEWS):
         turn_deg = 360.0 * number / VIEWS
-        cut, _ = cut_view(pixels, size, turn_deg=turn_deg)
+        cut, _ = cut_view(pixels, size, turn_deg=turn_deg, tilt=tilt)
         gray = np.asarray(cv2.cvtColor(cut, cv2.COLOR_BGR2GRAY), np.uint8)
         vector = None if describe is None else describe.describe(cut)
-        view = PanoramaView(size, (width, height), turn_deg)
+        view = PanoramaView(size, (width, height), turn_deg, tilt)
         small = scaled_gray(gray, settings.extract.max_side_px)
         yield QueryPhoto(small, fov, vector, time.perf_counter() - started, view)
         started = time.perf_counter()

@@ -249,7 +249,7 @@ def _row(facts: PhotoFacts, *, name: str, sha256: str, size_bytes: int) -> Photo
 
 
 def mark_panorama(row: Photo, tags: PanoramaTags) -> None:
-    row.panorama, row.fov_deg = panorama_fields(Panorama()), 360.0
+    row.panorama, row.fov_deg = panorama_fields(Panorama(tilt=tags.tilt)), 360.0
     row.heading_deg = row.heading_deg if tags.heading_deg is None else tags.heading_deg
 
 

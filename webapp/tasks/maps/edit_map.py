@@ -113,10 +113,14 @@ def _targets(
 
 
 def _with_panorama(photo: Photo, fields: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Validate a change of `panorama`, and set the matching field of view; 360 degrees for a panorama."""
+    """Validate a change of `panorama`, and set the matching field of view; 360 degrees for a panorama.
+
+    A change without pitch and roll, such as that of a mask, keeps them.
+    """
     if "panorama" not in fields:
         return fields
-    panorama = parse_panorama(fields["panorama"], where=f"photo/{photo.id}")
+    new, tilt = fields["panorama"], {k: v for k, v in (photo.panorama or {}).items() if k != "masked"}
+    panorama = parse_panorama(None if new is None else {**tilt, **new}, where=f"photo/{photo.id}")
     if panorama is None:
         return {**fields, "fov_deg": None if photo.panorama is not None else photo.fov_deg}
     if not is_whole_sphere(photo.width, photo.height):

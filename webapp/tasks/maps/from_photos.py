@@ -15,7 +15,7 @@ from webapp.core.boxes import BlurBox
 from webapp.core.geo.blank import BlankPlan, draw, plan_around
 from webapp.core.geo.types import LatLon
 from webapp.core.mapmodel.model import Map, SatelliteImage
-from webapp.core.mapmodel.panorama import Panorama, band
+from webapp.core.mapmodel.panorama import band
 from webapp.core.mapmodel.paths import name_problem
 from webapp.errors import StorageError, UsageError
 from webapp.files.atomic import write_bytes
@@ -158,7 +158,9 @@ def _make_map(
 def _masked(file: FileResult, masked: tuple[BlurBox, ...]) -> FileResult:
     if file.experience is None or file.experience.panorama is None:
         return file
-    return replace(file, experience=replace(file.experience, panorama=Panorama(masked)))
+    return replace(
+        file, experience=replace(file.experience, panorama=replace(file.experience.panorama, masked=masked))
+    )
 
 
 def _check_sources(options: PlaceOptions, positions: Positions | None) -> None:

@@ -136,7 +136,7 @@ def cut_panorama(
     view = view_size(size[0], options.focal_35mm)
     for number in range(options.views):
         turn = 360.0 * number / options.views
-        cut, elevation = cut_view(pixels, view, turn_deg=turn)
+        cut, elevation = cut_view(pixels, view, turn_deg=turn, tilt=panorama.tilt)
         cut[(elevation < -options.lowest_deg) | (elevation > options.highest_deg)] = GREY
         file = out.with_name(f"{out.stem}_{round(turn):03}.jpg")
         write_view(file, cut, tags=_tags(known, view, turn_deg=turn))

@@ -42,7 +42,7 @@ class SurveyedFile:
     position: LatLon | MapPixel | None = None
     state: FileState | None = None  # Why it cannot be placed; None if it has a position
     reason: str | None = None  # The same as a message
-    is_panorama: bool = False
+    panorama: Panorama | None = None
     position_from: str | None = None  # `list`, or the source of its GPS position
     note: str | None = None  # What a list says of it
 
@@ -116,16 +116,14 @@ class _Reader:
         facts = with_sidecars(facts, read_sidecars(beside))
         if around is not None and around.heading_deg is not None:
             facts = replace(facts, heading=Heading(around.heading_deg, "T"))
-        return self._placed(name, facts, is_panorama=around is not None)
+        return self._placed(name, facts, panorama=None if around is None else Panorama(tilt=around.tilt))
 
-    def _placed(self, name: str, facts: PhotoFacts, *, is_panorama: bool) -> SurveyedFile:
+    def _placed(self, name: str, facts: PhotoFacts, *, panorama: Panorama | None) -> SurveyedFile:
         if self.positions is None:
             if not isinstance(facts.gps, Gps):
                 return SurveyedFile(name, facts, state=FileState.NO_POSITION, reason=facts.gps.reason)
             position = LatLon(facts.gps.lat, facts.gps.lon)
-            return SurveyedFile(
-                name, facts, position, is_panorama=is_panorama, position_from=facts.gps.source
-            )
+            return SurveyedFile(name, facts, position, panorama=panorama, position_from=facts.gps.source)
         listed = self.positions.find(name)
         if listed is None:
             reason = "it is not in the list of positions"
@@ -137,7 +135,7 @@ class _Reader:
             name,
             facts,
             listed,
-            is_panorama=is_panorama,
+            panorama=panorama,
             position_from="list",
             note=self.positions.note_of(name),
         )
@@ -205,10 +203,10 @@ def place(s: SurveyedFile, image: MapImage, *, photo: str) -> FileResult:
         photo=photo,
         position=pixel,
         heading_deg=heading.deg if heading else None,
-        fov_deg=360.0 if s.is_panorama else s.facts.fov_deg,
+        fov_deg=s.facts.fov_deg if s.panorama is None else 360.0,
         gps_accuracy_m=s.gps.accuracy_m if s.gps else None,
         taken_at=s.facts.taken_at,
-        panorama=Panorama() if s.is_panorama else None,
+        panorama=s.panorama,
         by_gps=s.gps is not None,
         note=s.note,
     )

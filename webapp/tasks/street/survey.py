@@ -392,7 +392,7 @@ class FolderTarget:
             gps_accuracy_m=known.accuracy_m,
             taken_at=known.taken_at or facts.taken_at,
             source=known.source,
-            panorama=None if around is None else Panorama(),
+            panorama=None if around is None else Panorama(tilt=around.tilt),
             by_gps=True,
         )
         changed = replace(

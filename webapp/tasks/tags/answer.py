@@ -23,7 +23,7 @@ from webapp.core.hypotheses.model import (
 )
 from webapp.core.hypotheses.priors import relative_to_north
 from webapp.core.landmarks.absolute_pose import Lens, angle_jacobian, euler_angles
-from webapp.core.mapmodel.control_points import GroundControlPoint
+from webapp.core.mapmodel.control_points import GroundControlPoint, tag_anchors
 from webapp.core.mapmodel.model import Map
 from webapp.core.retrieval.fields_of_view import guessed_fov_deg
 from webapp.core.tags.detect import SeenTag, find_tags
@@ -67,7 +67,7 @@ class _Query:
 
 def has_tags(the_map: Map) -> bool:
     """Return whether a map has tags with a position."""
-    return any(point.tag is not None and point.position is not None for point in the_map.control_points)
+    return bool(tag_anchors(the_map.control_points))
 
 
 def answer_by_tags(
@@ -131,7 +131,17 @@ _Points = Mapping[tuple[str, int], Sequence[GroundControlPoint]]
 
 def _solve(query: _Query, the_map: Map, georeference: Georeference) -> TagAnswer:
     notes: list[str] = []
-    placings = _placings(query.tags, _points_of(the_map), notes)
+    points = _points_of(the_map)
+    checks = {
+        (point.tag.family, point.tag.number)
+        for point in the_map.control_points
+        if point.tag and point.is_check
+    } - points.keys()
+    shown = [(tag.family, tag.number) for tag in query.tags]
+    if checked := _titles(checks.intersection(shown)):
+        notes.append(f"the photo shows {_listed(checked)}, at check points, by which no photo is localized")
+    tags = [tag for tag, key in zip(query.tags, shown, strict=True) if key not in checks]
+    placings = _placings(tags, points, notes)
     found: list[Hypothesis] = []
     off_map = _OFF_MAP
     for placing in placings:
@@ -163,8 +173,8 @@ def _solve(query: _Query, the_map: Map, georeference: Georeference) -> TagAnswer
 
 def _points_of(the_map: Map) -> _Points:
     points: dict[tuple[str, int], list[GroundControlPoint]] = {}
-    for point in the_map.control_points:
-        if point.tag is not None and point.position is not None:
+    for point in tag_anchors(the_map.control_points):
+        if point.tag is not None:
             points.setdefault((point.tag.family, point.tag.number), []).append(point)
     return points
 
@@ -217,7 +227,7 @@ class _Frame:
 
     @classmethod
     def of(cls, placing: _Placing, the_map: Map, georeference: Georeference) -> _Frame:
-        points = [point for point in the_map.control_points if point.tag is not None]
+        points = tag_anchors(the_map.control_points)
         heights = [point.height_m for point in points if point.height_m is not None]
         at = placing[0][1].position
         scale = math.nan if at is None else georeference.metres_per_pixel(at)

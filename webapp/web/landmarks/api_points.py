@@ -39,6 +39,7 @@ blueprint = APIBlueprint(
 )
 
 _MOST_CLICKS, _MOST_IDS = 200, 400
+_CHECK = "A check point: left out of every fit, to measure how accurate it is."
 
 
 class ClickFields(Schema):
@@ -84,6 +85,7 @@ class ControlPointIn(Schema):
     )
     photos = BoundedList(Nested(ClickFields), load_default=[], most=_MOST_CLICKS)
     tag = Nested(TagFields, load_default=None, allow_none=True)
+    check = Boolean(load_default=False, metadata={"description": _CHECK})
 
 
 class ControlPointOut(Schema):
@@ -96,6 +98,7 @@ class ControlPointOut(Schema):
     height_m = Float(allow_none=True)
     photos = List(Nested(ClickFields))
     tag = Nested(TagFields, allow_none=True)
+    check = Boolean(metadata={"description": _CHECK})
 
 
 class ResidualOut(Schema):
@@ -112,9 +115,53 @@ class ResidualOut(Schema):
     others_y_px = Float(allow_none=True)
     residual_px = Float(allow_none=True)
     residual_m = Float(allow_none=True, metadata={"description": "On a map with a georeference."})
+    check = Boolean(metadata={"description": "Whether it is a check point."})
+    photos = Integer(
+        allow_none=True,
+        metadata={"description": "How many joined photos see a control point, without wrong clicks."},
+    )
+    dx_px = Float(allow_none=True, metadata={"description": "Predicted minus known position."})
+    dy_px = Float(allow_none=True)
+    east_m = Float(allow_none=True, metadata={"description": "The same, on a map with a georeference."})
+    north_m = Float(allow_none=True)
+    height_off_m = Float(
+        allow_none=True,
+        metadata={"description": "Predicted minus known height of a check point, by the control points'."},
+    )
+    sigma_px = Float(
+        allow_none=True,
+        metadata={
+            "description": "Standard deviation along each axis of a control point's own position and clicks."
+        },
+    )
+    sigma_m = Float(allow_none=True)
     contradicts = Boolean(metadata={"description": "It was left out: the others agree on another place."})
     wrong_clicks = List(String(), metadata={"description": "Photos in which it is clicked elsewhere."})
     problem = String(allow_none=True, metadata={"description": "Why a control point takes no part."})
+
+
+class RmseOut(Schema):
+    """Root mean square errors of points."""
+
+    points = Integer()
+    rmse_px = Float(allow_none=True, metadata={"description": "Of the distances; null without points."})
+    rmse_m = Float(allow_none=True, metadata={"description": "On a map with a georeference."})
+    rmse_east_m = Float(allow_none=True)
+    rmse_north_m = Float(allow_none=True)
+    rmse_height_m = Float(allow_none=True, metadata={"description": "Of check points with heights."})
+    heights = Integer(metadata={"description": "How many these are."})
+    uncertainty = Float(
+        allow_none=True, metadata={"description": "Relative standard deviation of the RMSE itself."}
+    )
+
+
+class AccuracyOut(Schema):
+    """How accurate the fit is."""
+
+    control = Nested(
+        RmseOut, metadata={"description": "Each point by all others, without those that were left out."}
+    )
+    check = Nested(RmseOut)
 
 
 class ControlPointsOut(Schema):
@@ -122,6 +169,7 @@ class ControlPointsOut(Schema):
 
     points = List(Nested(ControlPointOut))
     residuals = List(Nested(ResidualOut), metadata={"description": "The largest first."})
+    accuracy = Nested(AccuracyOut, allow_none=True, metadata={"description": "Null without landmarks."})
     laid = Boolean(metadata={"description": "Whether the map has landmarks, which the residuals are of."})
     current = Boolean(
         metadata={"description": "Whether nothing was changed since the landmarks were aligned."}
@@ -159,6 +207,7 @@ def put(slug: str, name: str, data: dict[str, Any]) -> dict[str, Any]:
         data["accuracy_m"],
         data["height_m"],
         None if data["tag"] is None else _tag(data["tag"]),
+        data["check"],
     )
     set_in_library(library(), record.id, points={name: point}, account_id=account().id)
     return _answer(open_map(slug))
@@ -211,8 +260,8 @@ def _answer(record: MapRecord) -> dict[str, Any]:
         there = {photo.id for photo in photos}
         job = running_job(session, record)
         last = edits.next_steps(session, record, account_id=account().id)["undo"]
-    empty = {"x_px": None, "y_px": None, "accuracy_m": None, "height_m": None, "tag": None}
-    residuals = [] if shown.points is None else shown.points.about.get("residuals", [])
+    empty = {"x_px": None, "y_px": None, "accuracy_m": None, "height_m": None, "tag": None, "check": False}
+    about = {} if shown.points is None else shown.points.about
     return {
         "points": [
             {
@@ -229,9 +278,10 @@ def _answer(record: MapRecord) -> dict[str, Any]:
                 "name": one["name"] if one["photo"] is None else names[one["name"]],
                 "wrong_clicks": [names.get(path, path) for path in one["wrong_clicks"]],
             }
-            for one in residuals
+            for one in about.get("residuals", [])
             if one["photo"] is None or one["name"] in names
         ],
+        "accuracy": about.get("accuracy"),
         "laid": shown.points is not None,
         "current": shown.is_current,
         "job": job,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 import zipfile
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,6 @@ from apiflask.fields import Float, Integer, List, Nested, String
 from apiflask.validators import OneOf
 from flask import Response, send_file
 
-from webapp.core.mapmodel.panorama import Panorama
 from webapp.core.mapmodel.views import content_of_part
 from webapp.errors import NotFound
 from webapp.extras import require
@@ -209,7 +209,7 @@ def names_of(photos: Mapping[str, Photo]) -> dict[str, str]:
         if around is None:
             names[content_of_part(photo.sha256, view=None, blurred=blurred)] = name
             continue
-        for view in Panorama(around.masked + blurred).views():
+        for view in replace(around, masked=around.masked + blurred).views():
             names[view.content(photo.sha256)] = f"{name}#{view.turn_deg:03}"
     return names
 

@@ -58,6 +58,14 @@ class PanoramaOut(Schema):
         most=MOST_MASKED,
         metadata={"description": "Parts in which nothing is recognised: the robot, the sky."},
     )
+    pitch_deg = Float(
+        validate=Range(-90.0, 90.0),
+        metadata={"description": "Of its middle above the horizon; it is kept if left out."},
+    )
+    roll_deg = Float(
+        validate=Range(-180.0, 180.0),
+        metadata={"description": "Of the camera, clockwise; it is kept if left out."},
+    )
 
 
 def _fact_field(name: str, *, most: int | None = None, **metadata: str | None) -> Field[Any]:
