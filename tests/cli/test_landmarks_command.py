@@ -20,7 +20,9 @@ def cfg(tmp_path, make_map, monkeypatch):
     cfg = make_map(tmp_path, 5)
     submodel = Submodel(np.array([0, 2, 3]), np.zeros((3, 3)), np.zeros((3, 3, 3)))
     photos = read_map(cfg).experiences
-    found = Reconstruction(photos, (submodel,), {4: "it is not an image"}, tmp_path, tmp_path, {})
+    found = Reconstruction(
+        photos, (submodel,), {4: "it is not an image"}, tmp_path, tmp_path, tmp_path / "matches.db", {}
+    )
     monkeypatch.setattr(landmarks, "reconstruct", lambda *_, **__: found)
     report = [
         AdjustedSubmodel((0, 2, 3), "", {0: 1.234, 3: 140.0}),

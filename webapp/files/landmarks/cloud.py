@@ -119,6 +119,7 @@ def read_models(
     number = {content: n for n, content in enumerate(stored.contents)}
     submodel_of = {frozenset(submodel.photo.tolist()): n for n, submodel in enumerate(stored.submodels)}
     camera = np.zeros((2, len(number)))
+    own = np.array([len(described(content)[0]) for content in stored.contents], np.int64)
     parts: list[tuple[int, _Seen]] = []
     for folder in folders:
         reconstruction = pycolmap().Reconstruction(folder)
@@ -130,12 +131,19 @@ def read_models(
             }
             submodel = submodel_of.pop(frozenset(photos.values()), None)
             if submodel is not None:
-                parts.append((submodel, _observations(reconstruction, photos, camera=camera)))
+                parts.append((submodel, _observations(reconstruction, photos, own=own, camera=camera)))
     return _gather(parts, stored.contents, camera=camera, described=described)
 
 
-def _observations(reconstruction: Any, photos: Mapping[str, int], *, camera: NDArray[np.float64]) -> _Seen:
-    """Read the observations of some photos of a model; fill in their columns of `camera`."""
+def _observations(
+    reconstruction: Any, photos: Mapping[str, int], *, own: NDArray[np.int64], camera: NDArray[np.float64]
+) -> _Seen:
+    """Read the observations of some photos of a model; fill in their columns of `camera`.
+
+    Args:
+        own: (n,) int64. Number of keypoints of each photo; those after them are a matching network's, by
+            whose descriptors no query is compared with the landmarks.
+    """
     photo_of = {}
     for id in reconstruction.reg_image_ids():
         image = reconstruction.image(id)
@@ -150,6 +158,7 @@ def _observations(reconstruction: Any, photos: Mapping[str, int], *, camera: NDA
         rows += [(len(at), photo_of[e.image_id], e.point2D_idx) for e in elements if e.image_id in photo_of]
         at.append(point.xyz)
     seen = np.array(rows, np.int64).reshape(-1, 3)
+    seen = seen[seen[:, 2] < own[seen[:, 1]]]
     seen = seen[observed_twice(seen[:, 0], seen[:, 1])]
     return _Seen(seen[:, 0], seen[:, 1], seen[:, 2], np.array(at, np.float64).reshape(-1, 3))
 

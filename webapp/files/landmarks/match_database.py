@@ -28,9 +28,11 @@ _TRIALS = 2000
 class StoredPhoto:
     id: int
     camera: Any
-    # (n, 2) float64. Its keypoints, pixels from the outer corner of the top-left pixel, as in COLMAP.
+    # (n + k, 2) float64. Its keypoints, pixels from the outer corner of the top-left pixel, as in COLMAP:
+    # those with descriptors, then those of `learned`.
     xy: NDArray[np.float64]
     descriptors: NDArray[np.uint8]  # (n, d) uint8
+    learned: Features | None = None  # k keypoints, with descriptors for a matching network
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,6 +43,7 @@ class ViewFeatures:
     features: Features
     turn_deg: int  # Clockwise rotation from the middle of the panorama
     fov_deg: float  # Horizontal field of view
+    learned: Features | None = None  # For a matching network
 
 
 _Lens = tuple[int, int, float]
@@ -91,12 +94,21 @@ class MatchDatabase:
     def close(self) -> None:
         self._database.close()
 
-    def add(self, content: str, features: Features, *, fov_deg: float, is_guessed: bool) -> StoredPhoto:
+    def add(
+        self,
+        content: str,
+        features: Features,
+        *,
+        fov_deg: float,
+        is_guessed: bool,
+        learned: Features | None = None,
+    ) -> StoredPhoto:
         """Add a photo unless it exists; photos of the same size and field of view share a camera.
 
         Args:
             fov_deg: Horizontal field of view of the upright photo.
             is_guessed: Whether `fov_deg` is a guess; otherwise the reconstruction trusts it more.
+            learned: Further keypoints, for a matching network.
         """
         lens = _lens(features, fov_deg)
         if lens not in self._cameras:
@@ -108,7 +120,7 @@ class MatchDatabase:
         camera = self._cameras[lens]
         if content not in self._ids:
             self._write_frame([self._write_image(content, camera)], rig_id=camera.camera_id)
-        return self._stored(content, features, camera)
+        return self._stored(content, camera, features=features, learned=learned)
 
     def add_panorama(self, views: Sequence[ViewFeatures]) -> list[StoredPhoto]:
         """Add the level views of a panorama unless they exist.
@@ -120,7 +132,10 @@ class MatchDatabase:
         if first.content not in self._ids:
             images = [self._write_image(v.content, c) for v, c in zip(views, cameras, strict=True)]
             self._write_frame(images, rig_id=rig_id)
-        return [self._stored(v.content, v.features, c) for v, c in zip(views, cameras, strict=True)]
+        return [
+            self._stored(v.content, c, features=v.features, learned=v.learned)
+            for v, c in zip(views, cameras, strict=True)
+        ]
 
     def _rig(self, lens: _Lens, turns_deg: Sequence[int]) -> tuple[int, list[Any]]:
         """Return the id and cameras (in the order of the views) of a lens's rig, creating it if missing."""
@@ -159,10 +174,15 @@ class MatchDatabase:
         self._database.write_frame(frame, use_frame_id=True)
         self._frame_of |= {image.image_id: frame.frame_id for image in images}
 
-    def _stored(self, content: str, features: Features, camera: Any) -> StoredPhoto:
-        stored = stored_photo(self._ids[content], camera, features=features)
+    def _stored(
+        self, content: str, camera: Any, *, features: Features, learned: Features | None
+    ) -> StoredPhoto:
+        stored = stored_photo(self._ids[content], camera, features=features, learned=learned)
+        xy = stored.xy.astype(np.float32)
         if not self._database.exists_keypoints(stored.id):
-            self._database.write_keypoints(stored.id, stored.xy.astype(np.float32))
+            self._database.write_keypoints(stored.id, xy)
+        elif self._database.num_keypoints_for_image(stored.id) < len(xy):  # `learned` came later
+            self._database.update_keypoints(stored.id, xy)
         return stored
 
     def is_compared(self, one: StoredPhoto, other: StoredPhoto) -> bool:
@@ -214,9 +234,10 @@ def two_view_geometry(one: StoredPhoto, other: StoredPhoto, *, matches: NDArray[
     return estimate(one.camera, one.xy, other.camera, other.xy, matches, options)
 
 
-def stored_photo(id: int, camera: Any, *, features: Features) -> StoredPhoto:
+def stored_photo(id: int, camera: Any, *, features: Features, learned: Features | None = None) -> StoredPhoto:
     """Return a photo as the database has it: keypoints in COLMAP's pixel convention."""
-    return StoredPhoto(id, camera, features.xy.astype(np.float64) + 0.5, features.descriptors)
+    xy = features.xy if learned is None else np.concatenate([features.xy, learned.xy])
+    return StoredPhoto(id, camera, xy.astype(np.float64) + 0.5, features.descriptors, learned)
 
 
 def _lens(features: Features, fov_deg: float) -> _Lens:

@@ -32,7 +32,7 @@ from webapp.files.lock import writer_lock
 from webapp.progress import Progress
 from webapp.tasks.landmarks.control_points import found_points
 from webapp.tasks.landmarks.known import known_positions
-from webapp.tasks.landmarks.mapping import ADJUSTED, MATCHES_FILE, model_folders, run_adjustment
+from webapp.tasks.landmarks.mapping import ADJUSTED, model_folders, run_adjustment
 from webapp.tasks.landmarks.reconstruct import Reconstruction, keep_cloud, renumbered
 
 Array = NDArray[np.float64]
@@ -147,7 +147,7 @@ def _adjust(
                 rigid,
                 positions,
                 aligned=[(rigid.submodels[number], aligned) for number, aligned in used],
-                matches=found.shared / MATCHES_FILE,
+                matches=found.matches,
                 folder=found.folder,
                 out=found.folder / ADJUSTED / adjusted,
             ),

@@ -14,16 +14,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.features.table import FeatureChoice
+from webapp.core.features.lightglue import PairMatcher
+from webapp.core.features.table import FeatureChoice, choose
+from webapp.core.features.types import Features
 from webapp.core.geo.types import MapPixel
-from webapp.core.landmarks.matching import Views, choose_pairs, match_mutually
+from webapp.core.landmarks.matching import Pairs, Views, choose_pairs, match_mutually
 from webapp.core.landmarks.submodels import LEAST_PHOTOS, Submodel, of_photos
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.views import content_of, level_views
 from webapp.core.retrieval.engines.types import PhotoEntry
 from webapp.core.retrieval.fields_of_view import guessed_fov_deg
 from webapp.errors import IndexDamaged, MapError
-from webapp.files.atomic import remove_unfinished
+from webapp.files.atomic import make_folder, remove_unfinished
 from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, read_cloud, read_models, write_cloud
 from webapp.files.landmarks.colmap import (
     RIGID_FILE,
@@ -42,6 +44,7 @@ from webapp.files.landmarks.match_database import (
 from webapp.files.listing import natural_key
 from webapp.files.localize.features import read_segment
 from webapp.files.localize.index_store import IndexFolder, Manifest
+from webapp.files.localize.models import pair_matcher, usable_features, with_weights
 from webapp.files.lock import writer_lock
 from webapp.files.maps.folder import photo_hash
 from webapp.progress import Progress
@@ -66,6 +69,15 @@ _CHOICE = FeatureChoice("sift", "sift", "l2")
 _EXTRACT = ExtractSettings(max_side_px=1000, keypoints=4000)
 """More keypoints than in an index: reconstruction needs more of them than recognition, and is done once."""
 
+_LEARNED = replace(_EXTRACT, keypoints=1500)
+"""Of features for a matching network, whose time grows with the square of their number."""
+
+_FEW = 40
+"""Inliers below which a pair is also matched by the network, if one is installed."""
+
+_LEAST_BY_NETWORK = 25
+"""Inliers that a pair needs then. The network matches what looks alike more readily: 15 would do for SIFT."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reconstruction:
@@ -74,6 +86,7 @@ class Reconstruction:
     problems: Mapping[int, str]  # Why photos take no part, by their number
     folder: Path  # Folder of the submodels, with their models and points
     shared: Path  # Folder of the features and matches, which all reconstructions of the map share
+    matches: Path  # The database of matches there
     # Numbers of the photos that could be read, by the SHA-256 of their files; of panoramas, by the content
     # hashes of their views.
     number_of: Mapping[str, int]
@@ -112,14 +125,20 @@ def reconstruct(
         )
         described = [(one.photo, one.entry) for one in pictures.described]
         views = pictures.views
-        database = MatchDatabase(folder / MATCHES_FILE)
+        network = _network(folder, settings)
+        learned: list[Features | None] = [None] * len(described)
+        if network is not None:
+            request = BuildRequest(cfg, the_map, network.features, network.choice)
+            learned = _describe_learned(request, pictures, settings=settings, progress=progress)
+        database = MatchDatabase(folder / (MATCHES_FILE if network is None else network.matches))
         try:
-            stored = _add_all(database, described, photo_of=views.photo)
+            stored = _add_all(database, described, learned=learned, photo_of=views.photo)
+            progress.note("finding overlapping photos")
             compare_photos(
                 database,
                 [(entry.content, photo) for (_, entry), photo in zip(described, stored, strict=True)],
-                at=np.array([_position(photo) for photo, _ in described], np.complex128),
-                views=views,
+                pairs=_pairs(described, learned, views=views),
+                network=network,
                 place=ExecutionTarget(settings, folder, "threads"),
                 progress=progress,
             )
@@ -130,12 +149,55 @@ def reconstruct(
         submodels = _submodels(out, database.path, contents=contents, key=key, progress=progress)
         if part is None:
             shutil.rmtree(folder / SURROUNDINGS, ignore_errors=True)
+            _remove_matches(folder, but=database.path)
     by_content = {entry.content: photo for photo, entry in described}
     find_in_photos(cfg, the_map, photos=by_content, folder=folder, limits=settings.photo, progress=progress)
     number_of = {one.entry.content: one.number for one in reversed(pictures.described)}
     turn_of = {entry.content: photo.view.turn_deg for photo, entry in described if photo.view is not None}
     found = tuple(renumbered(submodels, number_of, turn_of=turn_of))
-    return Reconstruction(pictures.photos, found, pictures.problems, out, folder, number_of, turn_of)
+    return Reconstruction(
+        pictures.photos, found, pictures.problems, out, folder, database.path, number_of, turn_of
+    )
+
+
+def _remove_matches(folder: Path, *, but: Path) -> None:
+    """Remove the matches of another network, or of none."""
+    for database in folder.glob("matches*.db"):
+        if database != but:
+            for file in folder.glob(f"{database.name}*"):
+                file.unlink(missing_ok=True)
+
+
+class MatchingNetwork(NamedTuple):
+    """The installed network that matches photos in which SIFT finds little in common."""
+
+    choice: FeatureChoice  # The features that it matches
+    features: Path  # Folder of these features
+    matches: str  # File name of the database of matches: those of another network are others
+    models: Path | None  # `Settings.models`
+
+    def open(self) -> PairMatcher:
+        return pair_matcher(self.choice.name, self.models)
+
+
+def _network(folder: Path, settings: Settings) -> MatchingNetwork | None:
+    """Return the network to match with; None if none is installed."""
+    for name in usable_features(settings.models, method="thorough"):
+        choice = with_weights(choose("thorough", features=name), settings.models, method="thorough")
+        weights = pair_matcher(name, settings.models).weights
+        features = "-".join(filter(None, ("features", name, choice.weights[:16])))
+        return MatchingNetwork(choice, folder / features, f"matches-{weights}.db", settings.models)
+    return None
+
+
+def _describe_learned(
+    request: BuildRequest, pictures: DescribedPictures, *, settings: Settings, progress: Progress
+) -> list[Features | None]:
+    """Describe the pictures for a matching network; None for each that could not be described."""
+    photos = [one.photo for one in pictures.described]
+    settings = replace(settings, extract=_LEARNED)
+    entries, _ = _describe(request, photos, settings=settings, progress=progress)
+    return [entries[n].features if n in entries else None for n in range(len(photos))]
 
 
 class DescribedPicture(NamedTuple):
@@ -175,10 +237,8 @@ def describe_pictures(
     photos = _in_order(the_map)
     pictures = [(number, view) for number, photo in enumerate(photos) for view in level_views([photo])]
     entries, problems = _describe(
-        cfg,
-        the_map,
+        BuildRequest(cfg, the_map, folder, _CHOICE),
         [view for _, view in pictures],
-        folder=folder,
         settings=replace(settings, extract=extract),
         progress=progress,
     )
@@ -203,21 +263,16 @@ def _position(photo: AnyPhoto) -> complex:
 
 
 def _describe(
-    cfg: Path,
-    the_map: Map,
-    photos: Sequence[AnyPhoto],
-    *,
-    folder: Path,
-    settings: Settings,
-    progress: Progress,
+    request: BuildRequest, photos: Sequence[AnyPhoto], *, settings: Settings, progress: Progress
 ) -> tuple[dict[int, PhotoEntry], dict[int, str]]:
     """Describe the photos; return their features, and the problems of the other photos, by number."""
-    index = IndexFolder(folder)
+    index = IndexFolder(request.folder)
+    make_folder(request.folder)
     index.make_spool()
     index.remove_unfinished()
     progress.note("describing photos")
     progress.size(len(photos))
-    there = {n: _described(cfg, one, index) for n, one in enumerate(photos)}
+    there = {n: _described(request.cfg, one, index) for n, one in enumerate(photos)}
     entries = {n: entry for n, entry in there.items() if entry is not None}
     progress.skip(len(entries))
     nowhere = MapPixel(0.0, 0.0)
@@ -227,13 +282,8 @@ def _describe(
         if n not in entries
     ]
     problems = {}
-    for done in describe_all(
-        new,
-        Manifest(_CHOICE.detector, _CHOICE.extractor, settings.extract),
-        request=BuildRequest(cfg, the_map, folder, _CHOICE),
-        settings=settings,
-        progress=progress,
-    ):
+    old = Manifest(request.choice.detector, request.choice.extractor, settings.extract)
+    for done in describe_all(new, old, request=request, settings=settings, progress=progress):
         if done.error:
             problems[done.id] = done.error
         else:
@@ -252,25 +302,38 @@ def _described(cfg: Path, photo: AnyPhoto, index: IndexFolder) -> PhotoEntry | N
 
 
 def _add_all(
-    database: MatchDatabase, pictures: Sequence[tuple[AnyPhoto, PhotoEntry]], *, photo_of: NDArray[np.int64]
+    database: MatchDatabase,
+    pictures: Sequence[tuple[AnyPhoto, PhotoEntry]],
+    *,
+    learned: Sequence[Features | None],
+    photo_of: NDArray[np.int64],
 ) -> list[StoredPhoto]:
     """Add photos to the database, the views of a panorama together."""
     stored: list[StoredPhoto] = []
-    for _, together in groupby(zip(photo_of, pictures, strict=True), key=lambda pair: pair[0]):
-        some = [picture for _, picture in together]
+    rows = zip(photo_of, pictures, learned, strict=True)
+    for _, together in groupby(rows, key=lambda row: row[0]):
+        some = [(one, entry, more) for _, (one, entry), more in together]
         views = [
-            ViewFeatures(entry.content, entry.features, one.view.turn_deg, entry.fov_deg)
-            for one, entry in some
+            ViewFeatures(entry.content, entry.features, one.view.turn_deg, entry.fov_deg, more)
+            for one, entry, more in some
             if one.view is not None
         ]
-        stored += database.add_panorama(views) if views else [_add(database, *some[0])]
+        one, entry, more = some[0]
+        stored += database.add_panorama(views) if views else [_add(database, one, entry, learned=more)]
     return stored
 
 
-def _add(database: MatchDatabase, photo: AnyPhoto, entry: PhotoEntry) -> StoredPhoto:
+def _add(
+    database: MatchDatabase, photo: AnyPhoto, entry: PhotoEntry, *, learned: Features | None
+) -> StoredPhoto:
     fov = known_fov_deg(photo, entry)
-    guess = guessed_fov_deg(*entry.features.photo_size)
-    return database.add(entry.content, entry.features, fov_deg=fov or guess, is_guessed=fov is None)
+    return database.add(
+        entry.content,
+        entry.features,
+        fov_deg=fov or guessed_fov_deg(*entry.features.photo_size),
+        is_guessed=fov is None,
+        learned=learned,
+    )
 
 
 def known_fov_deg(photo: AnyPhoto, entry: PhotoEntry) -> float | None:
@@ -346,76 +409,92 @@ _HELD = 64
 """Photos that a worker keeps in memory: those of neighbouring pairs."""
 
 
+class _Sources(NamedTuple):
+    """What a Dask worker needs to compare photos."""
+
+    folder: Path  # Of their features
+    contents: tuple[str, ...]  # SHA-256 of the photos
+    cameras: tuple[tuple[int, Any], ...]  # Ids in the database, and cameras
+    network: MatchingNetwork | None
+
+    def photo(self, number: int) -> StoredPhoto:
+        """Read a photo's features."""
+        content = self.contents[number]
+        learned = None if self.network is None else _features(self.network.features, content)
+        return stored_photo(*self.cameras[number], features=_features(self.folder, content), learned=learned)
+
+
+def _features(folder: Path, content: str) -> Features:
+    return read_segment(IndexFolder(folder).spool_path(content), mapped=False).entry(0).features
+
+
 class ComparedPhotos:
-    """The photos to compare; a Dask worker reads their features from files.
+    """The photos to compare; a Dask worker reads their features from files."""
 
-    Args:
-        contents: SHA-256 of the photos.
-    """
-
-    def __init__(
-        self,
-        folder: Path,
-        contents: Sequence[str],
-        *,
-        cameras: Sequence[tuple[int, Any]],
-        photos: Sequence[StoredPhoto] | None = None,
-    ) -> None:
-        self._state = (folder, tuple(contents), tuple(cameras))
-        self.photo = lru_cache(_HELD)(self._read) if photos is None else photos.__getitem__
+    def __init__(self, sources: _Sources, photos: Sequence[StoredPhoto] | None = None) -> None:
+        self._sources = sources
+        self.network = sources.network
+        self.photo = lru_cache(_HELD)(sources.photo) if photos is None else photos.__getitem__
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle without the photos in memory."""
-        return _on_worker, self._state
-
-    def _read(self, number: int) -> StoredPhoto:
-        folder, contents, cameras = self._state
-        features = read_segment(IndexFolder(folder).spool_path(contents[number]), mapped=False)
-        return stored_photo(*cameras[number], features=features.entry(0).features)
+        return ComparedPhotos, (self._sources,)
 
 
-def _on_worker(folder: Path, contents: Sequence[str], cameras: Sequence[tuple[int, Any]]) -> ComparedPhotos:
-    return ComparedPhotos(folder, contents, cameras=cameras)
+def _pairs(
+    described: Sequence[tuple[AnyPhoto, PhotoEntry]], learned: Sequence[Features | None], *, views: Views
+) -> Pairs:
+    """Choose the pairs to match, by SIFT and, if there are some, by the network's features."""
+    at = np.array([_position(photo) for photo, _ in described], np.complex128)
+    pairs = choose_pairs([entry.features.descriptors for _, entry in described], at=at, views=views)
+    known = [one.descriptors for one in learned if one is not None]
+    if not known:
+        return pairs
+    more = [known[0][:0] if one is None else one.descriptors for one in learned]
+    return np.unique(np.concatenate([pairs, choose_pairs(more, at=at, views=views)]), axis=0)
 
 
 def compare_photos(
     database: MatchDatabase,
     photos: Sequence[tuple[str, StoredPhoto]],
     *,
-    at: NDArray[np.complex128],
-    views: Views,
+    pairs: Pairs,
+    network: MatchingNetwork | None,
     place: ExecutionTarget,
     progress: Progress,
 ) -> None:
-    """Match the pairs that have not been matched yet.
+    """Match those of the pairs that have not been matched yet.
 
     Raises Cancelled, ProcessLost, ClusterUnavailable, UsageError, MissingPart.
 
     Args:
-        at: (p,) complex128. Positions on the map; NaN where there is none.
+        network: Matches the pairs in which SIFT finds little.
         place: Its folder is that of the features.
     """
-    progress.note("finding overlapping photos")
     stored = [photo for _, photo in photos]
-    pairs = [
-        (one, other)
-        for one, other in choose_pairs([p.descriptors for p in stored], at=at, views=views).tolist()
-        if not database.is_compared(stored[one], stored[other])
+    new = [
+        (one, other) for one, other in pairs.tolist() if not database.is_compared(stored[one], stored[other])
     ]
     progress.note("matching the photos")
-    progress.size(len(pairs))
-    shared = ComparedPhotos(
-        place.folder.absolute(),
-        [content for content, _ in photos],
-        cameras=[(photo.id, photo.camera) for photo in stored],
-        photos=stored,
-    )
-    found = in_order(_compare, pairs, shared=shared, at=place, progress=progress)
-    for (one, other), geometry in zip(pairs, found, strict=True):
+    progress.size(len(new))
+    cameras = tuple((photo.id, photo.camera) for photo in stored)
+    sources = _Sources(place.folder.absolute(), tuple(content for content, _ in photos), cameras, network)
+    shared = ComparedPhotos(sources, stored)
+    found = in_order(_compare, new, shared=shared, at=place, progress=progress)
+    for (one, other), geometry in zip(new, found, strict=True):
         database.keep(stored[one], stored[other], geometry=geometry)
         progress.advance()
 
 
 def _compare(photos: ComparedPhotos, pair: tuple[int, int]) -> Any:
     one, other = map(photos.photo, pair)
-    return two_view_geometry(one, other, matches=match_mutually(one.descriptors, other.descriptors))
+    matches = match_mutually(one.descriptors, other.descriptors)
+    geometry = two_view_geometry(one, other, matches=matches)
+    if photos.network is None or one.learned is None or other.learned is None:
+        return geometry
+    if len(geometry.inlier_matches) >= _FEW:
+        return geometry
+    found = photos.network.open().match(one.learned, other.learned)
+    rows = (found + np.array([len(one.descriptors), len(other.descriptors)])).astype(np.uint32)
+    both = two_view_geometry(one, other, matches=np.concatenate([matches, rows]))
+    return both if len(both.inlier_matches) >= _LEAST_BY_NETWORK else geometry
