@@ -55,6 +55,13 @@ def test_a_stranger_is_refused_before_the_body_is_looked_at(stranger):
     assert stranger.post("/api/v1/maps", data=b"{nonsense").status_code == 401
 
 
+def test_a_phone_does_not_zoom_out_while_a_page_is_drawn(client, park):
+    """... where something is wider than the screen for a moment; people can still zoom in."""
+    (viewport,) = re.findall(r'<meta name="viewport" content="([^"]+)"', client.get("/maps/park/image").text)
+    assert "minimum-scale=1" in viewport
+    assert "maximum-scale" not in viewport and "user-scalable" not in viewport
+
+
 @pytest.mark.parametrize("page", PAGES)
 def test_every_page_shows_in_every_language(client, park, page):
     labels = {}
