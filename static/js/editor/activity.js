@@ -186,9 +186,9 @@ export class Activity {
 }
 
 /** Result of adding the photos of a video. */
-function videoSummary({ with_position: placed, notes, ...result }) {
+function videoSummary({ with_position: placed, notes, added, failed }) {
   const positions = placed ? tn("{n} photo has a position.", "{n} photos have a position.", placed) : t("The video has no positions: place its photos by hand, or with the rest.");
-  return [addedSummary(result), positions, ...notes.map((note) => `${sentence(note)}.`)].join(" ");
+  return [addedSummary({ added, failed }), positions, ...notes.map((note) => `${sentence(note)}.`)].join(" ");
 }
 
 /** Result of adding photos that a job has fetched or made. */
