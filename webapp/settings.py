@@ -49,6 +49,9 @@ class UploadLimits:
     files_per_request: int = 200
     """Photos in one request."""
 
+    video_mb: float = 4000.0
+    """Largest video that is cut into photos, megabytes (10^6 bytes)."""
+
     open_per_account: int = 200
     """Unfinished uploads per account."""
 

@@ -3273,6 +3273,43 @@ export interface components {
             offset?: number;
             size_bytes?: number;
         };
+        VideoIn: {
+            /** @description Id of its complete upload (`POST /uploads`). */
+            clip: string;
+            /**
+             * @description Horizontal field of view, if it is known.
+             * @default null
+             */
+            fov_deg: number | null;
+            /**
+             * @description Photos.
+             * @default 1000
+             */
+            most: number;
+            /**
+             * @description How far the view moves between two photos, percent of its width.
+             * @default 25
+             */
+            spread: number;
+            /**
+             * @description When it begins; null: as it says.
+             * @default null
+             * @example 2026-05-01T10:00:00Z
+             */
+            starts: string | null;
+            /**
+             * @description Id of the upload of a GPX or SRT file; null: what the video itself says.
+             * @default null
+             */
+            track: string | null;
+        };
+        VideosOut: {
+            available?: boolean;
+            /** @description The command that installs what is missing. */
+            install?: string | null;
+            /** @description Largest video, megabytes (10^6 bytes). */
+            most_mb?: number;
+        };
         VisitIn: {
             /** Format: binary */
             file: string;

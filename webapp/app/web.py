@@ -49,6 +49,7 @@ from webapp.web.maps import (
     api_photos,
     api_placing,
     api_street,
+    api_videos,
     view,
 )
 from webapp.web.maps import pages as maps_pages
@@ -110,6 +111,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_checks.plan_api,
     api_exchange.print_api,
     api_street.blueprint,
+    api_videos.blueprint,
     manual.blueprint,
     maps_pages.blueprint,
     view.blueprint,

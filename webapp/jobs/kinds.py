@@ -45,6 +45,7 @@ KINDS: dict[str, Kind] = {
     "satellite-pyramid": Kind("webapp.jobs.map_jobs:make_satellite_tiles", short=True),
     "satellite-tiles": Kind("webapp.jobs.map_jobs:fetch_satellite_tiles", short=True),
     "street-photos": Kind("webapp.jobs.map_jobs:fetch_street_photos", short=True),
+    "video-photos": Kind("webapp.jobs.map_jobs:cut_map_video"),
 }
 """The kinds by their names."""
 

@@ -45,6 +45,8 @@ from webapp.tasks.satellite.files import removed_if_refused
 from webapp.tasks.satellite.tiles import TileRequest
 from webapp.tasks.street.add_street import add_street_photos
 from webapp.tasks.street.survey import LibraryTarget, PixelBox, StreetRequest, survey_street
+from webapp.tasks.video.add_video import WaitingVideo, add_video, waiting_folder
+from webapp.tasks.video.cut_video import CutVideoOptions
 
 _NAMED = 100
 """Maximum number of photos or findings named in a result."""
@@ -325,6 +327,35 @@ def fetch_street_photos(context: Context) -> dict[str, Any]:
         "added": report.added,
         "duplicates": report.duplicates,
         "failed": failed[:_NAMED],
+    }
+
+
+def cut_map_video(context: Context) -> dict[str, Any]:
+    """Cut an uploaded video, and add its photos to a map."""
+    asked = context.arguments
+    folder = waiting_folder(context.library, asked["token"])
+    options = CutVideoOptions(
+        asked["spread"] / 100.0,
+        asked["most"],
+        asked["fov_deg"],
+        asked["starts_s"],
+        None if asked["track"] is None else folder / asked["track"],
+    )
+    done = add_video(
+        context.library,
+        context.map().id,
+        video=WaitingVideo(folder / asked["clip"], options),
+        settings=context.settings,
+        progress=context.progress,
+        changing=context.changing,
+    )
+    return {
+        "photos": len(done.cut.photos),
+        "with_position": done.cut.with_position,
+        "added": done.added,
+        "duplicates": done.duplicates,
+        "notes": list(done.cut.notes),
+        "failed": [{"id": name, "reason": reason} for name, reason in done.failed[:_NAMED]],
     }
 
 

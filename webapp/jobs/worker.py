@@ -45,6 +45,7 @@ from webapp.tasks.maps import delete_map, photo_files
 from webapp.tasks.maps.export import export_late_maps
 from webapp.tasks.operate import maintain_objects
 from webapp.tasks.satellite import files
+from webapp.tasks.video import add_video
 from webapp.telemetry import span
 from webapp.threads import ContextThreads
 
@@ -374,6 +375,7 @@ def delete_leftovers(library: Library, settings: Settings, *, more: Sequence[Swe
         ids = session.scalars(select(MapRecord.id)).all()
     sweeps: list[Callable[[], object]] = [partial(sweep, library, settings) for sweep in more]
     sweeps.append(partial(photo_files.sweep_uploads, library, settings=settings))
+    sweeps.append(partial(add_video.sweep, library, settings))
     sweeps += [partial(photo_files.sweep_orphans, library, map_id=id) for id in ids]
     keep = timedelta(hours=settings.upload.keep_hours)
     sweeps += [partial(files.sweep, library, map_id=id, keep=keep) for id in ids]

@@ -21,6 +21,7 @@ from webapp.files.localize import models
 from webapp.files.maps import positions
 from webapp.files.photos import sidecars
 from webapp.files.satellite.georeference_files import CORNER_SUFFIX, worldfile_suffixes
+from webapp.files.video import clip, subtitles
 from webapp.store.clock import now
 from webapp.web import language
 from webapp.web.accounts import sessions
@@ -50,6 +51,8 @@ ACCEPTED: Mapping[str, str] = {
     "positions": _field(positions.SUFFIXES),
     "field_forms": _field([map_zip.SUFFIX, ".csv", ".gpkg"]),
     "tracks_of_photos": _field([gpx.SUFFIX]),
+    "videos": _field(["video/*"], clip.SUFFIXES),
+    "tracks_of_videos": _field([gpx.SUFFIX, subtitles.SUFFIX]),
     "map_zips": _field([map_zip.SUFFIX], ["application/zip"]),
     "models": _field([models.SUFFIX]),
     "shapes": _field([".geojson", ".json", ".kml"]),  # read by the page itself

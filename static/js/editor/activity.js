@@ -24,6 +24,7 @@ const JOBS = {
   "satellite-pyramid": () => t("Preparing the image for display"),
   "satellite-tiles": () => t("Fetching the satellite image"),
   "street-photos": () => t("Adding street-level photos"),
+  "video-photos": () => t("Adding photos of a video"),
   import: () => t("Importing"),
   export: () => t("Exporting"),
 };
@@ -155,7 +156,8 @@ export class Activity {
         this._jobButton(job, going)),
       state === "running" && kind in REASONS && h("p", { class: "ed-job__why small soft" }, REASONS[kind]()),
       going && h("progress", { class: "progress", "aria-label": name, ...(state === "running" ? value : { value: 0, max: 1 }) }),
-      kind === "street-photos" && state === "done" && h("p", { class: "small", "data-testid": "street-summary" }, streetSummary(job.result)),
+      kind === "street-photos" && state === "done" && h("p", { class: "small", "data-testid": "street-summary" }, addedSummary(job.result)),
+      kind === "video-photos" && state === "done" && h("p", { class: "small", "data-testid": "video-summary" }, videoSummary(job.result)),
       error && h("p", { class: "small ed-job__error" }, [error.message, error.hint].filter(Boolean).map(sentence).join(". ")),
       state === "failed" && this._hide(id));
   }
@@ -184,8 +186,14 @@ export class Activity {
   }
 }
 
-/** Result of adding photos of a street-level service. */
-function streetSummary({ added, failed }) {
+/** Result of adding the photos of a video. */
+function videoSummary({ with_position: placed, notes, added, failed }) {
+  const positions = placed ? tn("{n} photo has a position.", "{n} photos have a position.", placed) : t("The video has no positions: place its photos by hand, or with the rest.");
+  return [addedSummary({ added, failed }), positions, ...notes.map((note) => `${sentence(note)}.`)].join(" ");
+}
+
+/** Result of adding photos that a job has fetched or made. */
+function addedSummary({ added, failed }) {
   const reasons = [...new Set(failed.map(({ reason }) => sentence(reason)))].slice(0, 3);
   return [
     tn("{n} photo added.", "{n} photos added.", added),

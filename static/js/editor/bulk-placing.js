@@ -9,6 +9,7 @@ import { nameList } from "./name-list.js";
 import { planDialog } from "./plan-dialog.js";
 import { connectRest } from "./rest-dialog.js";
 import { streetDialog } from "./street-dialog.js";
+import { videoDialog } from "./video-dialog.js";
 import { trackDialog } from "./track-dialog.js";
 
 /**
@@ -35,6 +36,7 @@ export function bulkPlacing(page) {
   byId("plan-button").addEventListener("click", () => planDialog(page));
   if (location.hash === "#next-photos") planDialog(page); // from the page Quality
   byId("street-button").addEventListener("click", () => streetDialog(page));
+  byId("video-button").addEventListener("click", () => videoDialog(page));
   return { positions, track };
 }
 

@@ -55,6 +55,9 @@ export function endpointsOf(slug) {
     countStreet: (wish) => post(`${map}/street-photos/preview`, wish),
     addStreet: (wish) => post(`${map}/street-photos`, wish),
 
+    videos: () => get(`${map}/videos`),
+    cutVideo: (wish) => post(`${map}/videos`, wish),
+
     readMask: (file) => api(`${map}/photos/mask`, { method: "POST", body: form({ file }) }),
     suggestBlur: (id) => get(`${map}/photos/${id}/blur/suggestions`),
     blurFound: () => get(`${map}/blur/suggestions?boxes=0`),

@@ -165,6 +165,7 @@ export function kindName(kind) {
     sample: t("Sample map"),
     "satellite-pyramid": t("Large image"),
     "street-photos": t("Street-level photos"),
+    "video-photos": t("Photos from a video"),
     "satellite-tiles": t("Satellite image from a map service"),
     health: t("Map health"),
     landmarks: t("Landmarks"),

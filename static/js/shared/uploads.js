@@ -175,7 +175,7 @@ export function canGoAgain({ state, error }) {
 }
 
 /** Key that identifies a file after a reload. */
-function fingerprint({ name, size, lastModified }) {
+export function fingerprint({ name, size, lastModified }) {
   return `${name.slice(-300)}|${size}|${lastModified}`;
 }
 

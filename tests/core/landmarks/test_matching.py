@@ -44,9 +44,10 @@ def test_panoramas_are_compared_at_the_turn_at_which_they_match(rng, turned):
     elsewhere = rng.integers(0, 256, (6, 40, 128), dtype=np.uint8)
     views = Views(np.repeat([0, 1, 2], 6), np.tile(np.arange(0, 360, 60), 3))
     descriptors = [*scene, *other.astype(np.uint8), *elsewhere]
-    pairs = [*views.between(0, 1, descriptors)]
+    pairs = [*views.between(0, 1, descriptors=descriptors)]
     assert pairs == [(view, 6 + (view + turned) % 6) for view in range(6)]
-    assert [*views.between(0, 2, [one[:0] for one in descriptors])] == [(n, 12 + n) for n in range(6)]
+    nothing = [one[:0] for one in descriptors]
+    assert [*views.between(0, 2, descriptors=nothing)] == [(n, 12 + n) for n in range(6)]
     at = np.full(18, complex(np.nan, np.nan))
     assert set(pairs) <= {tuple(pair) for pair in choose_pairs(descriptors, at=at, views=views).tolist()}
 
@@ -54,7 +55,7 @@ def test_panoramas_are_compared_at_the_turn_at_which_they_match(rng, turned):
 def test_a_photo_is_compared_with_all_views_of_a_panorama(rng):
     descriptors = [rng.integers(0, 256, (9, 128), dtype=np.uint8) for _ in range(7)]
     views = Views(np.array([0, *[1] * 6]), np.array([-1, *range(0, 360, 60)]))
-    assert [*views.between(0, 1, descriptors)] == [(0, n) for n in range(1, 7)]
+    assert [*views.between(0, 1, descriptors=descriptors)] == [(0, n) for n in range(1, 7)]
 
 
 def test_one_photo_has_none_to_be_compared_with(rng):

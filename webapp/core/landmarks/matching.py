@@ -42,7 +42,7 @@ class Views:
         return cls(np.arange(count), np.full(count, -1))
 
     def between(
-        self, one: int, other: int, descriptors: Sequence[NDArray[np.uint8]]
+        self, one: int, other: int, *, descriptors: Sequence[NDArray[np.uint8]]
     ) -> Iterator[tuple[int, int]]:
         """Yield the pairs of pictures of two photos; of two panoramas only views that differ by one turn."""
         firsts, seconds = (np.flatnonzero(self.photo == number).tolist() for number in (one, other))
@@ -109,7 +109,9 @@ def choose_pairs(
     ahead = [(i, i + step) for step in range(1, _AHEAD + 1) for i in range(photos - step)]
     near = _nearest(at[np.unique(of.photo, return_index=True)[1]])
     in_order = [
-        pair for one, other in dict.fromkeys([*ahead, *near]) for pair in of.between(one, other, descriptors)
+        pair
+        for one, other in dict.fromkeys([*ahead, *near])
+        for pair in of.between(one, other, descriptors=descriptors)
     ]
     chosen = np.array([*in_order, *_voted(descriptors, of.photo)], np.int64).reshape(-1, 2)
     chosen = chosen[some[chosen].all(1)]

@@ -21,6 +21,9 @@ from webapp.files.exchange.times import unix_time
 from webapp.files.video.gpmf import GpmfError, is_telemetry, read_positions
 from webapp.settings import PhotoLimits
 
+SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mts", ".3gp")
+"""Of files that people take for videos; what is in them decides."""
+
 _STARTS = ("com.apple.quicktime.creationdate", "creation_time")
 """Keys of the time when a clip begins: that of Apple has the local time zone."""
 

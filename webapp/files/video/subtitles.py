@@ -15,6 +15,8 @@ from webapp.core.trajectory import FixTrack, make_track
 from webapp.errors import TrackError
 from webapp.files.text_file import numbered_lines
 
+SUFFIX = ".srt"
+
 _CUE = re.compile(r"(\d+):(\d\d):(\d\d)[,.](\d{3})\s*-->")
 _NUMBER = r"\s*:?\s*([+-]?\d+(?:\.\d+)?)"
 _LATITUDE = re.compile(r"latitude" + _NUMBER, re.IGNORECASE)

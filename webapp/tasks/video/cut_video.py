@@ -16,11 +16,10 @@ from webapp.files.exchange.gpx import parse_gpx
 from webapp.files.photos.exif_write import CameraTags, write_view
 from webapp.files.text_file import read_bytes
 from webapp.files.video.clip import Clip, VideoFrame, open_clip
+from webapp.files.video.subtitles import SUFFIX as SUBTITLES
 from webapp.files.video.subtitles import read_subtitles
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
-
-SUBTITLES = ".srt"
 
 _PER_SECOND = 6.0
 """Frames that are compared: more would find hardly sharper ones."""

@@ -18,6 +18,7 @@ from flask import Response, request
 from werkzeug.datastructures import FileStorage
 
 from webapp.errors import DiskFull, ExpMapError, InputError, PhotoError, UsageError
+from webapp.extras import require
 from webapp.files.part_file import (
     WrongOffset,
     append,
@@ -34,6 +35,7 @@ from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, Upload
 from webapp.tasks.maps import add_photo, pictures
 from webapp.tasks.maps.add_photo import AddedPhoto, IncomingPhoto
+from webapp.tasks.video.add_video import is_clip, is_track
 from webapp.web import chunks
 from webapp.web.context import account, library, map_role, open_map, reading_map, settings
 from webapp.web.errors import as_json
@@ -304,25 +306,26 @@ def begin(slug: str, given: dict[str, Any]) -> dict[str, Any]:
 @uploads_api.output(UploadOut)
 def look(slug: str, id: str) -> dict[str, Any]:
     """Get the state of an upload."""
-    return _state(_find_upload(open_map(slug, "editor"), id))
+    return _state(find_upload(open_map(slug, "editor"), id))
 
 
 @uploads_api.patch("/<id>")
 @uploads_api.output(ChunkOut)
 @uploads_api.doc(
     description="The body is the chunk, its place the header `Upload-Offset`. A chunk that does not fit is "
-    "answered by 409 with the right `offset`. The last chunk is answered by the result for the file; where "
+    "answered by 409 with the right `offset`. The last chunk is answered by the result for the file, for a "
+    "video or its track by the offset alone: `POST /videos` takes them; where "
     "all bytes have arrived and that answer did not come, an empty chunk at the end asks for it."
 )
 def send(slug: str, id: str) -> dict[str, Any]:
     """Send the next chunk."""
     record = open_map(slug, "editor")
-    upload = _find_upload(record, id)
-    offset, data, part = chunks.given_offset(), request.get_data(cache=False), _part(upload)
+    upload = find_upload(record, id)
+    offset, data, part = chunks.given_offset(), request.get_data(cache=False), part_of(upload)
     with one_at_a_time(part):
         try:
             there = append(part, data, offset=offset, size=upload.size_bytes)
-            if there < upload.size_bytes:
+            if there < upload.size_bytes or is_clip(upload.name) or is_track(upload.name):
                 return {"offset": there}
             beside = [Sidecar(one["name"], one["content"].encode()) for one in upload.beside or ()]
             incoming = IncomingPhoto(part, upload.name, upload.photo_id, beside=tuple(beside))
@@ -338,18 +341,19 @@ def send(slug: str, id: str) -> dict[str, Any]:
 @uploads_api.output({}, status_code=204)
 def give_up(slug: str, id: str) -> str:
     """Cancel an upload and delete its received bytes."""
-    upload = _find_upload(open_map(slug, "editor"), id)
-    with one_at_a_time(_part(upload)):
+    upload = find_upload(open_map(slug, "editor"), id)
+    with one_at_a_time(part_of(upload)):
         _give_up(upload)
     return ""
 
 
-def _find_upload(record: MapRecord, id: str) -> Upload:
+def find_upload(record: MapRecord, id: str) -> Upload:
+    """Find an upload of the caller. Raises NotFound."""
     with library().database.read() as session:
         return maps.find_upload(session, id, map_id=record.id, account_id=account().id)
 
 
-def _part(upload: Upload) -> Path:
+def part_of(upload: Upload) -> Path:
     """Return the path of the received bytes, named by the id that the server has chosen."""
     return library().uploads / f"{upload.id}.part"
 
@@ -357,7 +361,7 @@ def _part(upload: Upload) -> Path:
 def _state(upload: Upload) -> dict[str, Any]:
     return {
         "id": upload.id,
-        "offset": arrived(_part(upload)),
+        "offset": arrived(part_of(upload)),
         "size_bytes": upload.size_bytes,
         "chunk_bytes": chunks.chunk_bytes(),
     }
@@ -366,13 +370,16 @@ def _state(upload: Upload) -> dict[str, Any]:
 def _check_size(name: str, size_bytes: int) -> None:
     """Fail early if the complete file would be rejected for its size."""
     where, most = add_photo.tidy_name(name), settings().photo.max_mb
+    if is_clip(name):
+        require("video")
+        most = settings().upload.video_mb
     if size_bytes == 0:
         raise PhotoError("it is empty", where=where, hint="copy it from the camera again")
     if size_bytes > most * 1e6:
         raise PhotoError(
             f"it has {size_bytes / 1e6:.0f} MB, more than the limit of {most:g}",
             where=where,
-            hint="scale it down",
+            hint="cut it on your computer: expmap map cut-video" if is_clip(name) else "scale it down",
         )
     check_space(library().uploads, size_bytes, reserve_mb=settings().upload.reserve_mb)
 
@@ -381,4 +388,4 @@ def _give_up(upload: Upload) -> None:
     """Delete the record, then the remaining bytes."""
     with library().database.write() as session:
         maps.finish_upload(session, upload.id)
-    discard(_part(upload))
+    discard(part_of(upload))
