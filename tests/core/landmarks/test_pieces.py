@@ -3,7 +3,7 @@
 import numpy as np
 
 from webapp.core.landmarks.matching import Views, rank_pairs
-from webapp.core.landmarks.pieces import PieceGap, Overlap, PieceGraph
+from webapp.core.landmarks.pieces import Overlap, PieceGap, PieceGraph
 
 
 def graph_of(count, *pairs):
