@@ -20,7 +20,7 @@ _MAX_EPIPOLAR_ERROR = 0.0025
 INLIER_SCALE = 35.0
 """Inliers beyond chance at which two out of three poses are right."""
 
-_CHANCE_INLIERS = 6.0
+CHANCE_INLIERS = 6.0
 """Inliers that any pair of photos has by chance."""
 
 _CHANCE_SHARE, _SURE_SHARE = 0.15, 0.5
@@ -31,6 +31,11 @@ _WILD_PARALLAX = math.radians(20.0)
 
 _RANSAC = {"max_iterations": 100, "min_iterations": 50, "seed": 0}
 _BUNDLE = {"max_iterations": 5}
+
+
+def beyond_chance(share: float) -> float:
+    """Return how far a share of the matches that agree is from chance, 0, to certainty, 1."""
+    return min(1.0, max(0.0, (share - _CHANCE_SHARE) / (_SURE_SHARE - _CHANCE_SHARE)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,9 +94,8 @@ class RelativePose:
     @property
     def trust(self) -> float:
         """Trust in the pose, 0 to 1."""
-        enough = 1.0 - math.exp(-max(0.0, self.inliers - _CHANCE_INLIERS) / INLIER_SCALE)
-        share = self.inliers / len(self.inlier)
-        common = min(1.0, max(0.0, (share - _CHANCE_SHARE) / (_SURE_SHARE - _CHANCE_SHARE)))
+        enough = 1.0 - math.exp(-max(0.0, self.inliers - CHANCE_INLIERS) / INLIER_SCALE)
+        common = beyond_chance(self.inliers / len(self.inlier))
         return enough * common / (1.0 + (self.parallax / _WILD_PARALLAX) ** 4)
 
     def rotated(self, turn: NDArray[np.float64]) -> RelativePose:

@@ -126,6 +126,7 @@ def evidence_vectors(
     *,
     at: Spots,
     score: Sequence[float],
+    least_trust: Sequence[float] | None = None,
     alike: Array | None = None,
 ) -> NDArray[np.float64]:
     """Compute the evidence of each place, from which its probability follows.
@@ -133,6 +134,8 @@ def evidence_vectors(
     Args:
         at: The h places.
         score: Score of the pose at each, in photos that agree; 0 without a pose.
+        least_trust: Trust in each place by its pose as a whole, in photos, if that is more than the trust in
+            the photos around it.
         alike: (p,) float64. Standard scores of the map's photos by their global descriptors.
 
     Returns:
@@ -143,7 +146,8 @@ def evidence_vectors(
     if not len(at.area):
         return np.zeros((0, EVIDENCE))
     near = nearness(at, photo_spots(indexed, voters.photo), reach_px=indexed.place_radius_px)
-    trusted = np.log1p(_TRUST_SCALE * (near @ voters.trust))
+    trust = near @ voters.trust
+    trusted = np.log1p(_TRUST_SCALE * (trust if least_trust is None else np.maximum(trust, least_trust)))
     voters = voters.with_votes()
     columns = [np.log1p(_AGREED_SCALE * np.asarray(score, np.float64))]
     for reach in indexed.tuning.places.support_reaches:

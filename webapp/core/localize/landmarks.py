@@ -20,7 +20,13 @@ from numpy.typing import NDArray
 from webapp.core.features.types import Features
 from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.estimate import NoPose
-from webapp.core.geometry.relative_pose import Camera, RelativePose
+from webapp.core.geometry.relative_pose import (
+    CHANCE_INLIERS,
+    INLIER_SCALE,
+    Camera,
+    RelativePose,
+    beyond_chance,
+)
 from webapp.core.hypotheses.calibration import DEFAULT, weigh
 from webapp.core.hypotheses.model import Answer, CameraPose, FieldOfView
 from webapp.core.landmarks.absolute_pose import (
@@ -44,6 +50,9 @@ Array = NDArray[np.float64]
 
 _GROUPS = 4
 """Number of groups of photos that are tried, those with the best photos."""
+
+_CELLS = 20
+"""Cells along the longer side of a query in which landmarks that agree count once."""
 
 _GUESSES = (0.7, 1.0, 1.4)
 """Focal lengths that are tried, over a guessed one."""
@@ -94,7 +103,8 @@ def find_by_landmarks(
         np.array([place.floor for place in places], np.int64),
     )
     voters = voters_of([*by_pose, *by_votes])
-    evidence = evidence_vectors(indexed, voters, at=at, score=[p.score for p in places], alike=alike)
+    score = [place.score for place in places]
+    evidence = evidence_vectors(indexed, voters, at=at, score=score, least_trust=score, alike=alike)
     order = np.argsort(-weigh(evidence, DEFAULT), kind="stable")
     clock.append(time.perf_counter())
     distance = nearest.distance[:, 0][nearest.photo[:, 0] >= 0]
@@ -172,12 +182,30 @@ def _place(
     if not supporting or sigma_px > indexed.tuning.places.max_sigma * indexed.place_radius_px:
         return None
     position = MapPixel(at.at.real, at.at.imag)
-    score = sum(photo.weight for photo in supporting)
+    shown = query.features.xy[solved.query_row]
+    alone = agreeing_photos(shown, pose.inlier, longer_px=max(query.features.photo_size))
+    score = max(sum(photo.weight for photo in supporting), alone)
     # a group may span floors, e.g. across an atrium: use the floor of the photo with most shared landmarks
     floor = int(indexed.floor[supporting[0].matched.photo])
     return PlaceCandidate(
         "position", position, heading, sigma_px, supporting, score, position, camera=camera, floor=floor
     )
+
+
+def agreeing_photos(xy: NDArray[np.float32], inlier: NDArray[np.bool_], *, longer_px: float) -> float:
+    """Convert the landmarks that agree on a camera to the number of photos that would be as much evidence.
+
+    A landmark is seen by several photos, so that few are left to each; together they are evidence all the
+    same. Those in one cell of the picture count once, as a cluster of matches agrees with wrong cameras, too.
+
+    Args:
+        xy: (m, 2) float32. Where the query shows the matched landmarks, pixels.
+        inlier: (m,) bool
+    """
+    if not inlier.any():
+        return 0.0
+    cells = len(np.unique(np.floor(xy[inlier] * (_CELLS / longer_px)), axis=0))
+    return beyond_chance(float(inlier.mean())) * max(0.0, cells - CHANCE_INLIERS) / INLIER_SCALE
 
 
 def _lenses(indexed: IndexedMap, query: _Query, group: PhotoGroup, *, aligned: AlignedCloud) -> list[Lens]:

@@ -54,6 +54,9 @@ from webapp.tasks.localize.trials import (
     with_queries,
 )
 
+_LANDMARK_EVIDENCE = 2
+"""Part of the key of trials by landmarks: change it when their evidence is computed differently."""
+
 _CHANGED_SHARE = 0.1
 """A map keeps its calibration while its photos, positions and place radius change by less than this."""
 
@@ -216,7 +219,7 @@ def _trials_key(opened: OpenMap) -> str:
     """Identify all that trials depend on."""
     radius, fov_deg = opened.indexed.place_radius_px, opened.plan.map_fov_deg
     key = f"{calibrationfile.TRIALS_FORMAT} {opened.map_hash} {radius} {fov_deg}"
-    return key if opened.landmarks is None else f"{key} {opened.landmarks.key}"
+    return key if opened.landmarks is None else f"{key} {opened.landmarks.key} {_LANDMARK_EVIDENCE}"
 
 
 def _tried(opened: OpenMap) -> TriedMap:
