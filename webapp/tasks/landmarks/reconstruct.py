@@ -149,7 +149,6 @@ def reconstruct(
         submodels = _submodels(out, database.path, contents=contents, key=key, progress=progress)
         if part is None:
             shutil.rmtree(folder / SURROUNDINGS, ignore_errors=True)
-            _remove_matches(folder, but=database.path)
     by_content = {entry.content: photo for photo, entry in described}
     find_in_photos(cfg, the_map, photos=by_content, folder=folder, limits=settings.photo, progress=progress)
     number_of = {one.entry.content: one.number for one in reversed(pictures.described)}
@@ -158,14 +157,6 @@ def reconstruct(
     return Reconstruction(
         pictures.photos, found, pictures.problems, out, folder, database.path, number_of, turn_of
     )
-
-
-def _remove_matches(folder: Path, *, but: Path) -> None:
-    """Remove the matches of another network, or of none."""
-    for database in folder.glob("matches*.db"):
-        if database != but:
-            for file in folder.glob(f"{database.name}*"):
-                file.unlink(missing_ok=True)
 
 
 class MatchingNetwork(NamedTuple):
