@@ -1,5 +1,7 @@
 """Submodels are aligned with the map by some of their photos, or rejected with a reason."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -156,6 +158,33 @@ def test_photos_that_bring_most_onto_the_map_are_proposed_first(walk, rng):
     assert propose_next([submodel], [align_submodel(submodel, one)], known=one, most=6) == [39]
     two = known_at(at, [0, 10])
     assert propose_next([submodel], [align_submodel(submodel, two)], known=two, most=6) == [39]
+
+
+def proposed_of(submodels, at, placed, *, most):
+    known = known_at(at, placed)
+    aligned = [align_submodel(one, known) for one in submodels]
+    return propose_next(submodels, aligned, known=known, most=most)
+
+
+def test_a_camera_far_from_all_others_is_not_proposed(walk, rng):
+    at, headings = walk
+    at = np.where(np.arange(40) == 7, at + 9000.0, at)
+    submodel = submodel_of(at, headings, rng=rng)
+    assert sorted(proposed_of([submodel], at, [], most=2)) == [0, 39]
+    assert proposed_of([submodel], at, [0], most=2) == [39]
+    assert proposed_of([submodel], at, [0, 39], most=2) in ([19], [20])
+
+
+def test_a_large_submodel_is_checked_before_a_small_one_is_placed(walk, rng):
+    at, headings = walk
+    large = submodel_of(at, headings, rng=rng)
+    small = replace(submodel_of(at[:3], headings[:3], rng=rng), photo=np.arange(40, 43))
+    both, placed = np.append(at, at[:3]), [0, 39]
+    for _ in range(2):
+        first, *others = proposed_of([large, small], both, placed, most=6)
+        assert first < 40 and sorted(others) == [40, 42]
+        placed.append(first)
+    assert sorted(proposed_of([large, small], both, placed, most=2)) == [40, 42]
 
 
 def test_what_else_is_known_in_a_submodel_is_laid_as_its_photos_are(court, rng):

@@ -473,6 +473,17 @@ def _weights(
     return weight
 
 
+_CHECKED = 4
+"""Placed photos of a submodel from which on a wrong one can be named."""
+
+_CHECK = 0.5
+"""What a checked position is worth over a new one."""
+
+_STRAY = 4.0
+"""Cameras farther from the median position than this multiple of the median distance may be wrong in the
+submodel, and are not proposed."""
+
+
 def propose_next(
     submodels: Sequence[Submodel],
     aligned: Sequence[AlignedSubmodel | NotAligned],
@@ -482,30 +493,37 @@ def propose_next(
 ) -> list[int]:
     """Propose photos to place, the most useful first.
 
-    Submodels that are not on the map yet come first, the largest first: each needs two photos, far apart.
-    Then comes the most uncertain photo of each submodel that is on the map.
+    A submodel that is not on the map yet needs two photos, far apart; one with two or three needs more of
+    them, as its positions are not checked. These come in the order of the photos that each click places or
+    checks. Then comes the most uncertain photo of each other submodel.
     """
     placed = np.isfinite(known.at)
-    missing: list[int] = []
+    useful: list[tuple[float, list[int]]] = []
+    unsure: list[tuple[float, int]] = []
     for submodel, result in zip(submodels, aligned, strict=True):
+        own = placed[submodel.photo]
         if isinstance(result, NotAligned):
-            missing += _far_apart(submodel, placed[submodel.photo])
-    unsure = [
-        (float(radius), int(photo))
-        for submodel, result in zip(submodels, aligned, strict=True)
-        if isinstance(result, AlignedSubmodel)
-        for photo, radius in [_least_certain(submodel, result, placed[submodel.photo])]
-        if photo >= 0
-    ]
-    return [*missing, *(photo for _, photo in sorted(unsure, reverse=True))][:most]
+            photos = _far_apart(submodel, own)
+            useful.append(((len(own) - 2) / max(len(photos), 1), photos))
+        elif own.sum() < _CHECKED:
+            useful.append((_CHECK * (len(own) - own.sum()) / 2, _far_apart(submodel, own)))
+        else:
+            photo, radius = _least_certain(submodel, result, own)
+            unsure += [(radius, photo)] if photo >= 0 else []
+    useful.sort(key=lambda one: -one[0])
+    ordered = [*(photo for _, photos in useful for photo in photos), *(n for _, n in sorted(unsure)[::-1])]
+    return ordered[:most]
 
 
 def _far_apart(submodel: Submodel, placed: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> list[int]:
     """Choose the two photos that are farthest apart, or the one farthest from those that are placed."""
+    off = np.linalg.norm(submodel.centre - np.median(submodel.centre, axis=0), axis=1)
+    usable = off <= (_STRAY * np.median(off) or np.inf)
     apart = np.linalg.norm(submodel.centre[:, None] - submodel.centre, axis=2)
+    apart[~usable] = apart[:, ~usable] = 0.0
     if not placed.any():
         return [int(n) for n in submodel.photo[list(np.unravel_index(apart.argmax(), apart.shape))]]
-    away = np.where(placed, -1.0, apart[:, placed].min(1))
+    away = np.where(placed | ~usable, -1.0, apart[:, placed].min(1))
     return [int(submodel.photo[away.argmax()])] if away.max() > 0.0 else []
 
 
