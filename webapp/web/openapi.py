@@ -116,6 +116,7 @@ _MORE: dict[str, dict[str, Any]] = {
     "api_people.list_accounts": {"statuses": [403]},
     "api_plan.walk": {"statuses": [400]},
     "api_shares.list_shares": {"statuses": [403]},
+    "api_videos.show": {"statuses": [403]},
     "api_waiting.list_waiting": {"statuses": [403]},
     "maps.edit_one": {"parameters": [_IF_MATCH]},
     "maps.remove_one": {"parameters": [_IF_MATCH]},
