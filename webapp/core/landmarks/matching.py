@@ -75,7 +75,9 @@ def rank_pairs(descriptors: Sequence[NDArray[np.uint8]], *, views: Views) -> lis
     photos = int(views.photo[-1]) + 1
     for step in range(1, _AHEAD + 1):
         ranks[step - 1] += [
-            pair for one in range(photos - step) for pair in views.between(one, one + step, descriptors)
+            pair
+            for one in range(photos - step)
+            for pair in views.between(one, one + step, descriptors=descriptors)
         ]
     number_of: dict[int, int] = {}
     for one, other in _voted(descriptors, views.photo, voting=_QUICK_VOTING):
