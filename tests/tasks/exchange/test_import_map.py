@@ -17,6 +17,8 @@ from webapp.errors import Conflict, DiskFull, ExpMapError, InputError, MapError,
 from webapp.files.maps.folder import read_map, write_map
 from webapp.settings import ImportLimits, Settings
 from webapp.store.maps import maps
+from webapp.store.maps.changing import INDEX_JOB
+from webapp.store.operate import jobs
 from webapp.store.schema import MapRecord
 from webapp.tasks.exchange import export_files, import_map
 from webapp.tasks.maps import adopt_map, check_map, export
@@ -414,6 +416,8 @@ def test_an_empty_map_is_filled_once(library, empty, archive, rows):
     done = [import_map.run_into(library, archive, map_id=empty, settings=Settings()) for _ in range(2)]
     assert done[0] == done[1] and done[0].slug == "later"
     assert len(rows(empty)) == 2 and len(read_map(library.cfg("later")).experiences) == 2
+    with library.database.read() as session:
+        assert jobs.newest(session, empty, kind=INDEX_JOB, key="").state == "queued"
 
 
 def test_an_import_that_was_killed_between_files_and_records_is_done_again(library, empty, archive, rows):

@@ -182,7 +182,7 @@ def _keep_gps(rows: Iterable[Photo], map_: Map) -> None:
 
 def queue_derived(session: Session, record: MapRecord) -> None:
     """Queue the jobs for an imported map: its index, and the tiles of a large image."""
-    if record.photos:
+    if maps.counts(session, record)[0]:  # `record.photos` may have been read when it was empty
         jobs.enqueue(session, INDEX_JOB, map_id=record.id)
     if max(record.satellite_width or 0, record.satellite_height or 0) > DISPLAY_SIDE_PX:
         jobs.enqueue(session, PYRAMID_JOB, map_id=record.id, key=record.satellite_path or "")
