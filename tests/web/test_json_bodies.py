@@ -9,6 +9,7 @@ from apiflask import Schema, fields
 from webapp.missions.store import missions, tracks
 from webapp.settings import Settings, WebSettings
 from webapp.store.accounts import accounts
+from webapp.store.photo_libraries import LinkedAlbum, PhotoLibrary
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps import adopt_map
 from webapp.web import json_bodies
@@ -26,6 +27,7 @@ NO_RIGHT_NEEDED = {
     "api_exchange.import_zip",
     "api_find.find",
     "api_missions.create",
+    "api_photo_libraries.connect",
     "api_staged.begin",
     "api_stac.search_by_body",
     "maps.create",
@@ -89,6 +91,16 @@ def addresses(app, library, owner, client, park):
     with library.database.write() as session:
         map_id = session.query(MapRecord).filter_by(slug=park).one().id
         mission = missions.create(session, "Round", account_id=owner.id, map_id=map_id)
+        albums = PhotoLibrary(
+            account_id=owner.id, kind="immich", address="https://immich.example", sealed_key=""
+        )
+        session.add(albums)
+        session.flush()
+        of_album = {"album": "a", "name": "A", "every_h": 0, "writes_back": False}
+        linked = LinkedAlbum(library_id=albums.id, map_id=map_id, **of_album)
+        session.add(linked)
+        session.flush()
+        in_library = {"api_photo_libraries.link": albums.id, "api_photo_libraries.change_linked": linked.id}
         mission_id, track_id = mission.id, tracks.get_or_create(session, mission.id, source="gps", name="").id
     file_id = client.post("/api/v1/mission-files", json={"name": "a.gpx", "size_bytes": 9}).json["id"]
     token = client.post(f"/api/v1/maps/{park}/shares", json={"localize": True}).json["url"].split("/")[-1]
@@ -106,6 +118,7 @@ def addresses(app, library, owner, client, park):
     for rule, method, _, _ in rules_with_body(app):
         tokens = {"token": phone} if rule.endpoint.startswith("api_phone_positions") else {}
         own = {"id": receiver} if rule.endpoint.startswith("api_account_events") else {}
+        own |= {"id": in_library[rule.endpoint]} if rule.endpoint in in_library else {}
         given = {name: (values | tokens | own)[name] for name in rule.arguments}
         found[rule.endpoint] = adapter.build(rule.endpoint, given, method=method)
     return found

@@ -7,7 +7,7 @@ from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Float, Integer, List, Nested, String
-from apiflask.validators import OneOf
+from apiflask.validators import OneOf, Range
 
 from webapp.connect.libraries import asking, records
 from webapp.connect.libraries.records import AlbumCounts
@@ -23,6 +23,7 @@ blueprint = APIBlueprint(
 )
 
 _ID = "<id:id>"
+_INTERVAL = [OneOf(records.INTERVALS_H), Range(min=0, max=max(records.INTERVALS_H))]
 _EVERY = {"description": "Hours between two updates; 0: only on request."}
 _WRITES_BACK = {
     "description": "Whether updates write positions that people set or accept here into the photo library."
@@ -65,14 +66,14 @@ class AlbumLinkIn(Schema):
 
     album = String(required=True, validate=LATER, metadata={"description": "Its id in the photo library."})
     map = String(required=True, validate=LATER, metadata={"description": "A map that the caller may edit."})
-    every_h = Integer(load_default=0, validate=OneOf(records.INTERVALS_H), metadata=_EVERY)
+    every_h = Integer(load_default=0, validate=_INTERVAL, metadata=_EVERY)
     writes_back = Boolean(load_default=False, metadata=_WRITES_BACK)
 
 
 class AlbumLinkChange(Schema):
     """What is changed of a linked album."""
 
-    every_h = Integer(validate=OneOf(records.INTERVALS_H), metadata=_EVERY)
+    every_h = Integer(validate=_INTERVAL, metadata=_EVERY)
     writes_back = Boolean(metadata=_WRITES_BACK)
 
 

@@ -44,9 +44,8 @@ class PhotoPieces:
     pieces: tuple[tuple[int, ...], ...]  # Numbers of the photos of each, the largest first
     alone: tuple[int, ...]  # Photos in no piece
     bridges: tuple[int, ...]  # Photos that show the same as one of another piece, but not as two of them
-    gaps: tuple[
-        PieceGap, ...
-    ]  # One for each piece but the largest, in their order, then for the photos in none
+    # One for each piece but the largest, in their order, then for the photos in none.
+    gaps: tuple[PieceGap, ...]
     place_first: tuple[int, ...]  # Photos to place by hand first: two of each piece, far from each other
 
 
