@@ -45,7 +45,10 @@ async ({ keys, pause }) => {
     document.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
     const { id } = document.querySelector("#strip [aria-selected=true]").dataset;
     const shown = async (address) => {
-      while (!image.currentSrc.includes(address) || !image.complete || !image.naturalWidth) await frame();
+      while (!image.currentSrc.includes(address) || !image.complete || !image.naturalWidth) {
+        if (performance.now() - start > 30000) throw new Error(`no ${address}, but ${image.currentSrc}`);
+        await frame();
+      }
       await image.decode().catch(() => {}); // replaced meanwhile
       await frame();
       return performance.now() - start;

@@ -25,8 +25,9 @@ def mission(api):
 
 @pytest.fixture
 def opened(page, mission):
-    """The page of the mission with the tab of the areas."""
+    """The page of the mission with the tab of the areas; the map is there."""
     page.goto(f"/missions/{mission}")
+    page.locator("#map-canvas.leaflet-container").wait_for()
     page.get_by_test_id("tab-areas").click()
     return page
 

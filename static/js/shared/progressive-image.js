@@ -29,10 +29,12 @@ export class ProgressiveImage {
     this.image.src = photo.thumb;
     const large = (this._large = new Image());
     large.src = address;
-    large.decode().then(
-      () => this._shown === address && (this.image.src = large.src),
-      () => this._shown === address && this.frame.classList.toggle("is-broken", !this.image.naturalWidth),
-    );
+    // Browsers may decline to decode ahead, when they have little memory: a picture that has loaded is shown all the same.
+    large.decode().catch(() => {}).then(() => {
+      if (this._shown !== address) return;
+      if (large.naturalWidth) this.image.src = large.src;
+      else this.frame.classList.toggle("is-broken", !this.image.naturalWidth);
+    });
     return true;
   }
 }
