@@ -43,6 +43,7 @@ async ({ keys, pause }) => {
   for (const key of keys) {
     const start = performance.now();
     document.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
+    await frame(); // the filmstrip follows then
     const { id } = document.querySelector("#strip [aria-selected=true]").dataset;
     const shown = async (address) => {
       while (!image.currentSrc.includes(address) || !image.complete || !image.naturalWidth) {
