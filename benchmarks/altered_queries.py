@@ -117,7 +117,7 @@ def main() -> None:
     arguments = _arguments()
     options = OpenOptions(method=arguments.method, index=arguments.index)
     pipeline = open_pipeline(arguments.map, options, settings=load_settings(), progress=Progress())
-    queries = queries_csv.select(queries_csv.read(arguments.queries), arguments.limit)
+    queries = queries_csv.select(queries_csv.read(arguments.queries), arguments.limit or None)
     rows = []
     for name, alteration in ALTERATIONS.items():
         if arguments.only not in name:
