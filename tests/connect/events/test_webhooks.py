@@ -368,7 +368,8 @@ def test_a_killed_worker_loses_nothing_and_repeats_with_the_same_id(
     }
     if settings.database:
         environ["EXPMAP_DATABASE"] = settings.database
-    command = [sys.executable, "-m", "webapp", "worker", "--library", str(library.folder)]
+    # by itself: without --once it starts a second worker, which would survive it
+    command = [sys.executable, "-m", "webapp", "worker", "--once", "--library", str(library.folder)]
     process = subprocess.Popen(command, cwd=ROOT, env=environ, start_new_session=True)
     try:
         deadline = threading.Event()
@@ -380,7 +381,7 @@ def test_a_killed_worker_loses_nothing_and_repeats_with_the_same_id(
         process.wait()
     assert messages() == ["waiting"]
     hook.wait_s = 0.0
-    again = subprocess.run([*command, "--once"], cwd=ROOT, env=environ, timeout=120, check=False)
+    again = subprocess.run(command, cwd=ROOT, env=environ, timeout=120, check=False)
     assert again.returncode == 0
     assert messages() == ["sent"]
     assert len(hook.got) == 2
