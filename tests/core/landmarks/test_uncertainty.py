@@ -1,5 +1,7 @@
 """Covariances of cameras agree with those of the whole adjustment, and radii with actual errors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -139,3 +141,18 @@ def test_two_placed_photos_measure_nothing(rng):
     submodel, truth = noisy_submodel(rng, sigma=np.full(9, 1.0))
     at = truth[:2, 0] + 1j * truth[:2, 1]
     assert radius_by_covariance(submodel, placed(np.arange(2), at, sigma_px=1.0)) is None
+
+
+def test_positions_left_out_of_the_adjustment_measure_the_radius(rng):
+    """A model that follows its positions wherever they are looks exact until some are left out."""
+    submodel, truth = noisy_submodel(rng, sigma=np.full(40, 1.0))
+    at = truth[:, 0] + 1j * truth[:, 1]
+    there = at + 30.0 * np.exp(1j * np.arange(40))
+    left_out = np.column_stack([there.real, there.imag, np.ones(40)])
+    left_out[20:] = np.nan
+    known = placed(np.arange(30), at[:30], sigma_px=0.01)
+    radius = radius_by_covariance(replace(submodel, left_out=left_out), known)
+    assert radius == pytest.approx(np.full(40, 30.0), rel=0.01)
+    assert radius_by_covariance(submodel, known).max() < 20.0
+    left_out[2:] = np.nan
+    assert radius_by_covariance(replace(submodel, left_out=left_out), known) is None, "two measure nothing"

@@ -94,6 +94,22 @@ def test_it_is_kept_until_positions_change(court, monkeypatch):
     assert np.hypot(*(first.position - court.at[5])) < 2.0
 
 
+def test_each_position_is_predicted_by_an_adjustment_without_it(court):
+    place_all(court, moved=[3])
+    found, _ = adjusted(court.cfg)
+    (submodel,) = found.submodels
+    there = dict(zip(submodel.photo.tolist(), submodel.left_out, strict=True))
+    off = {
+        found.photos[number].id: float(np.hypot(*(place[:2] - court.at[found.photos[number].id])))
+        for number, place in there.items()
+        if np.isfinite(place[0])
+    }
+    assert len(off) >= 4
+    assert max(off.values()) < 3.0, "also of the wrong position: the others predict where it was taken"
+    again, _ = adjusted(court.cfg)
+    np.testing.assert_array_equal(again.submodels[0].left_out, submodel.left_out)
+
+
 def test_an_adjustment_that_contradicts_the_positions_is_refused(court, monkeypatch):
     place_all(court)
     before = joined(court.cfg).submodels[0].centre

@@ -89,26 +89,32 @@ def radius_by_covariance(submodel: Submodel, known: PlacedPhotos) -> Array | Non
     if submodel.covariance is None:
         return None
     known = known.subset(known.judges)
+    if submodel.left_out is not None:
+        known = known.subset(np.isfinite(submodel.left_out[known.row, 0]))
     rank = math.ceil(_SHARE * (len(known.row) + 1))
     if rank > len(known.row):
         return None
-    sigma = _sigma(submodel.covariance)
+    sigma = sigma_of(submodel.covariance)
     usual = float(np.median(sigma))
-    error, without = _left_out(submodel.centre[:, 0] + 1j * submodel.centre[:, 1], submodel.covariance, known)
-    score = float(np.sort(error / np.maximum(without / usual, 1.0))[rank - 1])
+    error, relative = _left_out(submodel, submodel.covariance, known)
+    score = float(np.sort(error / np.maximum(relative, 1.0))[rank - 1])
     own = RADIUS_OVER_SIGMA * float(np.median(known.sigma_px))
     score = math.sqrt(max(score**2 - own**2, (_LEAST_OF_KNOWN * own) ** 2))
     radius: Array = np.maximum(score * np.maximum(sigma / usual, 1.0), RADIUS_OVER_SIGMA * sigma)
     return radius
 
 
-def _left_out(at: Points, covariance: Array, known: PlacedPhotos) -> tuple[Array, Array]:
-    """Compute the leave-one-out errors of placed photos, and their standard deviations.
+def _left_out(submodel: Submodel, covariance: Array, known: PlacedPhotos) -> tuple[Array, Array]:
+    """Return the errors of placed photos without their positions, and their standard deviations then, over
+    the median.
 
-    No new adjustment is needed: without an observation, its residual in a least-squares estimate grows by its
-    own contribution (leverage).
+    Where the model was not adjusted without them, both follow from it: without an observation, its residual
+    in a least-squares estimate grows by its own contribution (leverage).
     """
-    off = known.at - at[known.row]
+    if submodel.left_out is not None:
+        x, y, relative = submodel.left_out[known.row].T
+        return np.abs(known.at - (x + 1j * y)), relative
+    off = known.at - (submodel.centre[:, 0] + 1j * submodel.centre[:, 1])[known.row]
     residual = np.stack([off.real, off.imag], 1)[:, :, None]
     own = covariance[known.row]
     contributed = own / known.sigma_px[:, None, None] ** 2
@@ -118,10 +124,11 @@ def _left_out(at: Points, covariance: Array, known: PlacedPhotos) -> tuple[Array
     left[~used] = np.eye(2)
     away = np.linalg.solve(left, residual)[:, :, 0]
     without = np.asarray(np.linalg.solve(left, own), np.float64)
-    return np.hypot(away[:, 0], away[:, 1]), _sigma(without)
+    usual = float(np.median(sigma_of(covariance)))
+    return np.hypot(away[:, 0], away[:, 1]), sigma_of(without) / usual
 
 
-def _sigma(covariance: Array) -> Array:
-    """Return the standard deviations (n,) along one axis, of covariances (n, 2, 2)."""
+def sigma_of(covariance: Array) -> Array:
+    """Compute the standard deviations (n,) along one axis, of covariances (n, 2, 2)."""
     sigma: Array = np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2.0)
     return sigma

@@ -111,6 +111,9 @@ class Submodel:
     # (n, 2, 2) float64 or None. Of the positions on the map, map pixels squared; only for a submodel that was
     # adjusted by known positions, whose world is that of the map: see `position_covariances`.
     covariance: Array | None = None
+    # (n, 3) float64 or None. Where adjustments without a placed photo put it, x and y in map pixels, and its
+    # standard deviation there over their median; NaN where not measured. None if positions were not left out.
+    left_out: Array | None = None
 
     def __len__(self) -> int:
         return len(self.photo)
@@ -132,9 +135,13 @@ def of_photos(submodel: Submodel, *, photo: NDArray[np.int64], turn_deg: NDArray
     """
     first = np.sort(np.unique(photo, return_index=True)[1])
     middle = np.array([view_rotation(turn_deg[row]).T @ submodel.rotation[row] for row in first])
-    covariance = None if submodel.covariance is None else submodel.covariance[first]
     return Submodel(
-        photo[first], submodel.centre[first], middle.reshape(-1, 3, 3), submodel.error_rate, covariance
+        photo[first],
+        submodel.centre[first],
+        middle.reshape(-1, 3, 3),
+        submodel.error_rate,
+        None if submodel.covariance is None else submodel.covariance[first],
+        None if submodel.left_out is None else submodel.left_out[first],
     )
 
 

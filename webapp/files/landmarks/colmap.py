@@ -28,7 +28,7 @@ from webapp.files.localize.arrays import read_arrays, write_arrays
 SUBMODELS_FILE, RIGID_FILE = "pieces.arrays", "rigid.arrays"
 """The submodels in use, and those before they were joined by known positions."""
 
-_FORMAT = 4
+_FORMAT = 5
 
 _MOST_OF_SIGACTION = 512
 """More bytes than the C library's `struct sigaction` has on any platform."""
@@ -159,6 +159,7 @@ def write_submodels(path: Path, stored: StoredSubmodels) -> None:
         "rotation": np.concatenate([np.zeros((0, 3, 3)), *(p.rotation for p in submodels)]),
         "error_rate": np.array([p.error_rate for p in submodels], np.float64),
         "covariance": np.concatenate([np.zeros((0, 2, 2)), *(_covariance(p) for p in submodels)]),
+        "left_out": np.concatenate([np.zeros((0, 3)), *(_left_out(p) for p in submodels)]),
     }
     meta = {
         "format": _FORMAT,
@@ -178,7 +179,7 @@ def read_submodels(path: Path) -> StoredSubmodels | None:
             return None
         start = arrays["start"].tolist()
         rates = arrays["error_rate"].tolist()
-        covariance = arrays["covariance"]
+        covariance, left_out = arrays["covariance"], arrays["left_out"]
         submodels = tuple(
             Submodel(
                 arrays["photo"][a:b],
@@ -186,6 +187,7 @@ def read_submodels(path: Path) -> StoredSubmodels | None:
                 arrays["rotation"][a:b],
                 rate,
                 None if np.isnan(covariance[a:b]).all() else covariance[a:b],
+                None if np.isinf(left_out[a:b]).all() else left_out[a:b],
             )
             for a, b, rate in zip(start[:-1], start[1:], rates, strict=True)
         )
@@ -198,3 +200,8 @@ def read_submodels(path: Path) -> StoredSubmodels | None:
 def _covariance(submodel: Submodel) -> NDArray[np.float64]:
     """Return the covariances of a submodel; NaN where it has none."""
     return np.full((len(submodel), 2, 2), np.nan) if submodel.covariance is None else submodel.covariance
+
+
+def _left_out(submodel: Submodel) -> NDArray[np.float64]:
+    """Return where photos are without their positions; infinite where these were not left out."""
+    return np.full((len(submodel), 3), np.inf) if submodel.left_out is None else submodel.left_out

@@ -9,13 +9,15 @@ import shutil
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.landmarks.control_points import KnownPoint
-from webapp.core.landmarks.georegister import Georegistration, georegister
+from webapp.core.landmarks.georegister import georegister
 from webapp.core.landmarks.placing import AlignedSubmodel, KnownPositions, NotAligned
+from webapp.core.landmarks.radii import sigma_of
 from webapp.core.landmarks.submodels import Points, Submodel
 from webapp.core.mapmodel.model import Map
 from webapp.errors import IndexDamaged
@@ -23,6 +25,7 @@ from webapp.files.landmarks.adjust import AdjustJob
 from webapp.files.landmarks.colmap import (
     RIGID_FILE,
     SUBMODELS_FILE,
+    Model,
     StoredSubmodels,
     read_submodels,
     write_submodels,
@@ -50,7 +53,17 @@ _WORSE_SIGMAS = 2.5
 """Median residual of a submodel's known positions, in standard deviations, up to which an adjustment agrees
 with them."""
 
-_FORMAT = 5
+_FOLDS, _MOST_FOLDED = 4, 60
+"""Number of groups of known positions that are left out in turn to measure the error, and the number of known
+positions above which their covariances suffice for that."""
+
+_LEAST_MEASURED, _MORE_ERROR = 3, 1.5
+"""Number of left-out positions that must be measured, and the factor by which their median error may exceed
+that of the submodels, each of which was measured by leaving out one position, not a quarter of them."""
+
+_DISAGREE = "the photos do not agree with the positions"
+
+_FORMAT = 8
 """Part of the hash of the known positions: change it to recompute adjustments by new rules."""
 
 
@@ -115,85 +128,199 @@ def _adjust(
     adjusted: str,
     progress: Progress,
 ) -> StoredSubmodels:
-    """Join the submodels that can be georegistered."""
-    of_photos = [*renumbered(rigid, found.number_of, turn_of=found.turn_of)]
-    results = [georegister(submodel, known, points=points) for submodel in of_photos]
+    """Join the submodels that can be georegistered, and measure the result by leaving out known positions."""
+    joining = _Joining(rigid, points, found)
+    out = found.folder / ADJUSTED / adjusted
     progress.note("adjusting the pieces to the known positions")
-    pictures = np.array([found.number_of[content] for content in rigid.contents], np.int64)
-    contradict: set[int] = set()  # Numbers of submodels
-    while True:
-        used = [
-            (number, result.aligned)
-            for number, result in enumerate(results)
-            if isinstance(result.aligned, AlignedSubmodel) and number not in contradict
-        ]
-        problem = _too_little([aligned for _, aligned in used])
-        if problem:
-            problem = "" if contradict else problem
-            break
-        usable = np.isfinite(known.at)
-        for order, aligned in used:
-            usable[of_photos[order].photo[aligned.contradicting]] = False
-        positions = _known_pictures(
-            rigid,
-            replace(known, at=np.where(usable, known.at, complex(math.nan, math.nan))),
-            points,
-            results=results,
-            found=found,
-            left_out=contradict,
-        )
-        model = run_adjustment(
-            adjust_job(
-                rigid,
-                positions,
-                aligned=[(rigid.submodels[number], aligned) for number, aligned in used],
-                matches=found.matches,
-                folder=found.folder,
-                out=found.folder / ADJUSTED / adjusted,
-            ),
-            progress=progress,
-        )
-        if model is None:
-            break
-        row = {content: n for n, content in enumerate(rigid.contents)}
-        photo = np.array([row[content] for content in model.contents], np.int64)
-        joined = Submodel(photo, model.centre, model.rotation, covariance=model.covariance)
-        there = replace(joined, photo=pictures[photo])
-        worse = {n for n, aligned in used if _contradicts(of_photos[n], aligned, joined=there, known=known)}
-        if not worse:
-            others = [
-                submodel
-                for number, submodel in enumerate(rigid.submodels)
-                if number not in dict(used) and not np.isin(submodel.photo, photo).any()
-            ]
-            return replace(rigid, submodels=(joined, *others), adjusted=adjusted, problem="")
-        contradict |= worse
-    return replace(rigid, adjusted=adjusted, problem=problem or "the photos do not agree with the positions")
-
-
-def _known_pictures(
-    rigid: StoredSubmodels,
-    known: KnownPositions,
-    points: Sequence[KnownPoint],
-    *,
-    results: Sequence[Georegistration],
-    found: Reconstruction,
-    left_out: Collection[int],
-) -> PicturePositions:
-    """Collect the known positions of the pictures that are in none of the submodels `left_out`."""
-    hidden = np.zeros(len(rigid.contents), np.bool_)
-    for order in left_out:
-        hidden[rigid.submodels[order].photo] = True
-    contents = [content for content, is_hidden in zip(rigid.contents, hidden, strict=True) if not is_hidden]
-    number = np.array([found.number_of[content] for content in contents], np.int64)
-    wrong = {fit.name for result in results for fit in result.points if fit.contradicts}
-    return positions_of(
-        contents,
-        KnownPositions(known.at[number], known.sigma_px[number], known.derived[number]),
-        photo=number,
-        turn_deg=np.array([found.turn_of.get(content, 0) for content in contents], np.int64),
-        points=[point for point in points if point.name not in wrong],
+    joined = joining.join(known, out=out, progress=progress)
+    if isinstance(joined, str):
+        return replace(rigid, adjusted=adjusted, problem=joined)
+    numbers = joining.pictures[joined.photo]
+    others = [
+        submodel
+        for number, submodel in enumerate(rigid.submodels)
+        if number not in joined.submodels and not np.isin(submodel.photo, joined.photo).any()
+    ]
+    left_out = _left_out(joining, known, numbers, out=out, progress=progress)
+    if left_out is not None and not _is_better(left_out, numbers, joining.predicted(known), known=known):
+        return replace(rigid, adjusted=adjusted, problem=_DISAGREE)
+    whole = Submodel(
+        joined.photo,
+        joined.model.centre,
+        joined.model.rotation,
+        covariance=joined.model.covariance,
+        left_out=left_out,
     )
+    return replace(rigid, submodels=(whole, *others), adjusted=adjusted, problem="")
+
+
+def _left_out(
+    joining: _Joining, known: KnownPositions, numbers: NDArray[np.int64], *, out: Path, progress: Progress
+) -> Array | None:
+    """Adjust again without each fold of the known positions; see `Submodel.left_out`.
+
+    Args:
+        numbers: (n,) int64. Photo of each picture of the joined model.
+
+    Returns:
+        None for many known positions, whose covariances suffice, and where too few would remain.
+    """
+    judges = np.unique(numbers[np.isfinite(known.at[numbers]) & ~known.derived[numbers]])
+    if not _LEAST_KNOWN <= len(judges) <= _MOST_FOLDED:
+        return None
+    left_out = np.full((len(numbers), 3), np.nan)
+    folds = min(_FOLDS, len(judges))
+    for fold in range(folds):
+        progress.note(f"measuring the error: adjusting without some of the positions, {fold + 1} of {folds}")
+        hidden = judges[fold::folds]
+        at = known.at.copy()
+        at[hidden] = complex(math.nan, math.nan)
+        apart = out.with_name(f"{out.name}-without")
+        there = joining.join(replace(known, at=at), out=apart, progress=progress, least=_LEAST_KNOWN - 1)
+        shutil.rmtree(apart, ignore_errors=True)
+        if isinstance(there, str) or there.model.covariance is None:
+            continue
+        sigma = sigma_of(there.model.covariance)
+        place = np.column_stack([there.model.centre[:, :2], sigma / np.median(sigma)])
+        of_photo = dict(zip(joining.pictures[there.photo].tolist(), place, strict=True))
+        for row in np.flatnonzero(np.isin(numbers, hidden)).tolist():
+            left_out[row] = of_photo.get(int(numbers[row]), math.nan)
+    return left_out
+
+
+def _is_better(
+    left_out: Array, numbers: NDArray[np.int64], before: Mapping[int, float], *, known: KnownPositions
+) -> bool:
+    """Return whether an adjustment is known to be at least nearly as good as the submodels without it.
+
+    Args:
+        left_out, numbers: See `Submodel.left_out`, and the photos of its rows.
+        before: Errors of positions that the submodels predict from the others, by photo.
+    """
+    measured = np.flatnonzero(np.isfinite(left_out[:, 0]))
+    off = np.abs(left_out[measured, 0] + 1j * left_out[measured, 1] - known.at[numbers[measured]])
+    if len(off) < _LEAST_MEASURED:
+        return False
+    rows = [
+        (after, before[n]) for after, n in zip(off, numbers[measured].tolist(), strict=True) if n in before
+    ]
+    if len(rows) < _LEAST_MEASURED:
+        return True
+    after, usual = np.median(rows, axis=0)
+    accurate_to = np.median(known.sigma_px[numbers[measured]])
+    return bool(after <= _MORE_ERROR * max(usual, accurate_to))
+
+
+class _Joined(NamedTuple):
+    """A joined model."""
+
+    model: Model
+    photo: NDArray[np.int64]  # (n,) int64. Its pictures, as rows of the stored submodels' contents.
+    submodels: Collection[int]  # Numbers of those that were joined
+
+
+class _Joining:
+    """Joins the rigid submodels of a reconstruction by known positions."""
+
+    def __init__(self, rigid: StoredSubmodels, points: Sequence[KnownPoint], found: Reconstruction) -> None:
+        self._rigid, self._points, self._found = rigid, points, found
+        self._of_photos = [*renumbered(rigid, found.number_of, turn_of=found.turn_of)]
+        self.pictures = np.array([found.number_of[content] for content in rigid.contents], np.int64)
+
+    def join(
+        self, known: KnownPositions, *, out: Path, progress: Progress, least: int = _LEAST_KNOWN
+    ) -> _Joined | str:
+        """Join the submodels that can be georegistered; return why not, if they cannot be joined.
+
+        Args:
+            out: Folder for the joined model.
+            least: Minimum number of known positions.
+        """
+        rigid = self._rigid
+        results = [georegister(submodel, known, points=self._points) for submodel in self._of_photos]
+        row = {content: n for n, content in enumerate(rigid.contents)}
+        contradict: set[int] = set()  # Numbers of submodels
+        while True:
+            used = {
+                number: result.aligned
+                for number, result in enumerate(results)
+                if isinstance(result.aligned, AlignedSubmodel) and number not in contradict
+            }
+            problem = _too_little([*used.values()], least=least)
+            if problem:
+                return _DISAGREE if contradict else problem
+            wrong = {fit.name for result in results for fit in result.points if fit.contradicts}
+            points = [point for point in self._points if point.name not in wrong]
+            positions = self._positions(known, used, points=points, left_out=contradict)
+            model = self._adjusted(positions, used, out=out, progress=progress)
+            if model is None:
+                return _DISAGREE
+            photo = np.array([row[content] for content in model.contents], np.int64)
+            there = Submodel(self.pictures[photo], model.centre, model.rotation)
+            worse = {
+                number
+                for number, aligned in used.items()
+                if _contradicts(self._of_photos[number], aligned, joined=there, known=known)
+            }
+            if not worse:
+                return _Joined(model, photo, used.keys())
+            contradict |= worse
+
+    def predicted(self, known: KnownPositions) -> dict[int, float]:
+        """Return the errors of known positions that their submodels predict from the others, by photo."""
+        errors: dict[int, float] = {}
+        for submodel in self._of_photos:
+            aligned = georegister(submodel, known, points=self._points).aligned
+            if isinstance(aligned, AlignedSubmodel):
+                rows = np.flatnonzero(np.isfinite(aligned.residual_px))
+                errors |= zip(submodel.photo[rows].tolist(), aligned.residual_px[rows].tolist(), strict=True)
+        return errors
+
+    def _positions(
+        self,
+        known: KnownPositions,
+        used: Mapping[int, AlignedSubmodel],
+        *,
+        points: Sequence[KnownPoint],
+        left_out: Collection[int],
+    ) -> PicturePositions:
+        """Collect the known positions of the pictures that are in none of the submodels `left_out`, without
+        those that contradict others of their submodel."""
+        rigid, at = self._rigid, known.at.copy()
+        for order, aligned in used.items():
+            at[self._of_photos[order].photo[aligned.contradicting]] = complex(math.nan, math.nan)
+        hidden = np.zeros(len(rigid.contents), np.bool_)
+        for order in left_out:
+            hidden[rigid.submodels[order].photo] = True
+        for order in used:  # submodels may share a photo
+            hidden[rigid.submodels[order].photo] = False
+        shown = np.flatnonzero(~hidden)
+        contents, number = [rigid.contents[row] for row in shown.tolist()], self.pictures[shown]
+        return positions_of(
+            contents,
+            KnownPositions(at[number], known.sigma_px[number], known.derived[number]),
+            photo=number,
+            turn_deg=np.array([self._found.turn_of.get(content, 0) for content in contents], np.int64),
+            points=points,
+        )
+
+    def _adjusted(
+        self,
+        positions: PicturePositions,
+        used: Mapping[int, AlignedSubmodel],
+        *,
+        out: Path,
+        progress: Progress,
+    ) -> Model | None:
+        job = adjust_job(
+            self._rigid,
+            positions,
+            aligned=[(self._rigid.submodels[number], aligned) for number, aligned in used.items()],
+            matches=self._found.matches,
+            folder=self._found.folder,
+            out=out,
+        )
+        return run_adjustment(job, progress=progress)
 
 
 def _contradicts(
@@ -215,11 +342,11 @@ def _contradicts(
     return bool(np.median(off / sigma) > _WORSE_SIGMAS and np.median(off) > usual)
 
 
-def _too_little(aligned: Sequence[AlignedSubmodel]) -> str:
+def _too_little(aligned: Sequence[AlignedSubmodel], *, least: int) -> str:
     """Return why the known positions do not suffice for an adjustment; empty if they do."""
     at = np.concatenate([np.zeros(0, np.complex128), *(result.transform.at for result in aligned)])
-    if len(at) < _LEAST_KNOWN:
-        return f"{len(at)} positions are known, {_LEAST_KNOWN} are needed"
+    if len(at) < least:
+        return f"{len(at)} positions are known, {least} are needed"
     off = at - at.mean()
     along, across = np.linalg.svd(np.column_stack([off.real, off.imag]), compute_uv=False)
     return "the known positions are in a line" if across < _LEAST_WIDE * along else ""
