@@ -18,6 +18,7 @@ from webapp.core.landmarks.control_points import (
 )
 from webapp.core.landmarks.heights import CameraHeights
 from webapp.core.landmarks.submodels import Submodel, of_photos, view_rotation
+from webapp.files.landmarks.lens_priors import add_lens_priors, free_id, known_focal_lengths
 
 Array = NDArray[np.float64]
 
@@ -83,6 +84,7 @@ class PositionPriors:
         placed = zip(positions.known, positions.at, positions.sigma_px, strict=True)
         self.placed: Mapping[str, tuple[Array, float]] = {name: (at, sigma) for name, at, sigma in placed}
         self._row = {name: row for row, name in enumerate(positions.pictures)}
+        self._focal_px = known_focal_lengths(cache.cameras)
         self._beacons = _add_beacons(colmap, cache)
 
     def solve(self, model: Any, *, options: Any, prior_options: Any, wider: float) -> None:
@@ -94,8 +96,14 @@ class PositionPriors:
             for n, image in photos.image.items()
         ]
         priors = [prior for prior in priors if prior is not None] + self._raise_beacons(model)
-        there = self._colmap.Reconstruction(model) if self._positions.points else model
+        there = self._colmap.Reconstruction(model)
         config = self._colmap.BundleAdjustmentConfig()
+        lenses = add_lens_priors(
+            self._colmap, there, focal_px=self._focal_px, height_sigmas=self._height_sigmas(photos)
+        )
+        for id, point in lenses:
+            config.set_constant_rig_from_world_pose(there.image(id).frame_id)
+            config.add_constant_point(point)
         for id in self._show_points(there, photos, wider=wider):
             config.set_constant_cam_intrinsics(there.image(id).camera_id)
             if there.image(id).is_ref_in_frame():
@@ -104,8 +112,7 @@ class PositionPriors:
             config.add_image(id)
         create = self._colmap.create_pose_prior_bundle_adjuster
         create(options, prior_options, config, priors, there).solve()
-        if there is not model:
-            _take_over(there, model)
+        _take_over(there, model)
         for id in self._beacons:
             model.deregister_frame(id)
 
@@ -161,6 +168,12 @@ class PositionPriors:
         submodel = of_photos(Submodel(row, centre, rotation), photo=photo, turn_deg=turn)
         return _Photos(submodel, dict(zip(photo.tolist(), images, strict=True)))
 
+    def _height_sigmas(self, photos: _Photos) -> dict[int, float]:
+        """Return the known heights in standard deviations, by image id."""
+        ratio = self._positions.heights.height_px / self._positions.heights.sigma_px
+        there = {image.image_id: float(ratio[self._row[image.name]]) for image in photos.image.values()}
+        return {id: value for id, value in there.items() if np.isfinite(value)}
+
     def _prior_of(
         self, image: Any, height: tuple[float, float] | None, *, shows: bool, wider: float
     ) -> Any | None:
@@ -191,7 +204,7 @@ class PositionPriors:
 
     def _click(self, model: Any, reference: Any, ray: Array) -> int:
         """Add an image to a photo's frame that looks along a click's ray; a pixel is a standard deviation."""
-        own, frame = _free_id(model), model.frame(reference.frame_id)
+        own, frame = free_id(model), model.frame(reference.frame_id)
         params = [1.0 / CLICK_RAD, 0.5, 0.5]
         camera = self._colmap.Camera(model="SIMPLE_PINHOLE", width=1, height=1, params=params, camera_id=own)
         model.add_camera(camera)
@@ -207,7 +220,7 @@ class PositionPriors:
 
     def _look_from_above(self, model: Any, point: KnownPoint, *, at: Array, sigma_px: float) -> int:
         """Add an image that shows a point's known position; a pixel is a standard deviation."""
-        own = _free_id(model)
+        own = free_id(model)
         params = [_ABOVE, 0.5, 0.5]
         camera = self._colmap.Camera(model="SIMPLE_PINHOLE", width=1, height=1, params=params, camera_id=own)
         model.add_camera_with_trivial_rig(camera)
@@ -238,10 +251,6 @@ class PositionPriors:
             position_covariance=np.diag(np.square(sigma)),
             coordinate_system=self._colmap.PosePriorCoordinateSystem.CARTESIAN,
         )
-
-
-def _free_id(model: Any) -> int:
-    return 1 + int(max([*model.cameras, *model.images, *model.frames, *model.rigs]))
 
 
 def _looking_along(ray: Array) -> Array:
