@@ -12,7 +12,7 @@ from webapp.core.landmarks.submodels import Submodel, fit_similarity
 from webapp.files.landmarks import adjust as adjusting
 from webapp.files.landmarks.adjust import adjust, agreed_rotation
 from webapp.files.landmarks.colmap import StoredSubmodels, as_model
-from webapp.tasks.landmarks.adjust import adjust_job, positions_of
+from webapp.tasks.landmarks.adjust import Facts, adjust_job, positions_of
 
 CONTENTS = tuple(str(number) for number in range(PHOTOS))
 SCALE = 10.0
@@ -49,7 +49,7 @@ def make_job(scene, submodels, *, at, placed, points=()):
         known.at[submodel.photo[result.contradicting]] = complex(np.nan, np.nan)
     stored = StoredSubmodels(tuple(rigid), CONTENTS, "key")
     positions = positions_of(
-        CONTENTS, known, photo=np.arange(PHOTOS), turn_deg=np.zeros(PHOTOS, np.int64), points=points
+        CONTENTS, Facts(known, points), photo=np.arange(PHOTOS), turn_deg=np.zeros(PHOTOS, np.int64)
     )
     matches, out = folder / "matches.db", folder / "adjusted"
     return adjust_job(stored, positions, aligned=aligned, matches=matches, folder=folder, out=out)

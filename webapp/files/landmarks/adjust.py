@@ -105,7 +105,7 @@ class _Scene:
         side = np.median([max(camera.width, camera.height) for camera in self._cache.cameras.values()])
         self._pixel = max(1.0, float(side) / _SIDE_PX)
         self._priors = PositionPriors(self._colmap, cache=self._cache, positions=job.positions)
-        self._placed = self._priors.placed
+        self._placed, self._height_of = self._priors.placed, job.positions.height_of
         self._model = self._colmap.Reconstruction()
         self._model.load(self._cache)
         self._id = {image.name: id for id, image in self._model.images.items()}
@@ -201,7 +201,8 @@ class _Scene:
     def _add(self, id: int, rotation: Array) -> None:
         image = self._model.image(id)
         manager = self._mapper.observation_manager
-        self._pose(id, np.append(self._placed[image.name][0], 0.0), rotation)
+        above = self._height_of.get(image.name, 0.0)
+        self._pose(id, np.append(self._placed[image.name][0], -above), rotation)
         manager.register_frame(image.frame_id)
         self._triangulate_frame(id)
         if self._points_of(image.frame_id) < _FEW_POINTS:
@@ -288,7 +289,7 @@ class _Scene:
         camera_row, point_row = np.array(seen, np.int64).reshape(-1, 2).T
         prior = np.full((len(frames), 3), np.inf)
         for id, sigma in self._priors.sigma_of_cameras(self._model).items():
-            prior[frame[row[id]]] = sigma, sigma, self._job.positions.height_sigma_px
+            prior[frame[row[id]]] = sigma
         cameras = AdjustedCameras(
             frame,
             model.centre,

@@ -16,7 +16,9 @@ from webapp.core.landmarks.control_points import (
     sigma_by_points,
     triangulate,
 )
+from webapp.core.landmarks.heights import CameraHeights
 from webapp.core.landmarks.submodels import Submodel, of_photos, view_rotation
+from webapp.files.landmarks.lens_priors import add_lens_priors, free_id, known_focal_lengths
 
 Array = NDArray[np.float64]
 
@@ -40,9 +42,16 @@ class PicturePositions:
     known: tuple[str, ...]  # The k pictures whose positions are known
     at: Array  # (k, 2) float64
     sigma_px: Array  # (k,) float64. Standard deviation along each axis.
-    height_sigma_px: float  # Standard deviation of the heights of the cameras, which maps do not give
+    height_sigma_px: float  # Standard deviation of the heights of the cameras, where they are unknown
     # Control points that the photos show; they refer to the photos' numbers.
-    points: tuple[KnownPoint, ...] = ()
+    points: tuple[KnownPoint, ...]
+    heights: CameraHeights  # Of the pictures
+
+    @property
+    def height_of(self) -> Mapping[str, float]:
+        """The known heights, by picture, map pixels above the mean of the flight."""
+        known = np.flatnonzero(self.heights.flight >= 0).tolist()
+        return {self.pictures[row]: float(self.heights.height_px[row]) for row in known}
 
     def everything(self) -> Array:
         """List all known positions, of pictures and control points, (k + points, 2)."""
@@ -75,16 +84,26 @@ class PositionPriors:
         placed = zip(positions.known, positions.at, positions.sigma_px, strict=True)
         self.placed: Mapping[str, tuple[Array, float]] = {name: (at, sigma) for name, at, sigma in placed}
         self._row = {name: row for row, name in enumerate(positions.pictures)}
+        self._focal_px = known_focal_lengths(cache.cameras)
         self._beacons = _add_beacons(colmap, cache)
 
     def solve(self, model: Any, *, options: Any, prior_options: Any, wider: float) -> None:
         """Adjust a model, with the standard deviations of known positions multiplied by `wider`."""
         photos = self._photos(model)
-        sigma = self._sigma_by_points(photos)
-        priors = [self._prior_of(image, shows=n in sigma, wider=wider) for n, image in photos.image.items()]
+        sigma, height = self._sigma_by_points(photos), self._heights(photos)
+        priors = [
+            self._prior_of(image, height.get(image.image_id), shows=n in sigma, wider=wider)
+            for n, image in photos.image.items()
+        ]
         priors = [prior for prior in priors if prior is not None] + self._raise_beacons(model)
-        there = self._colmap.Reconstruction(model) if self._positions.points else model
+        there = self._colmap.Reconstruction(model)
         config = self._colmap.BundleAdjustmentConfig()
+        lenses = add_lens_priors(
+            self._colmap, there, focal_px=self._focal_px, height_sigmas=self._height_sigmas(photos)
+        )
+        for id, point in lenses:
+            config.set_constant_rig_from_world_pose(there.image(id).frame_id)
+            config.add_constant_point(point)
         for id in self._show_points(there, photos, wider=wider):
             config.set_constant_cam_intrinsics(there.image(id).camera_id)
             if there.image(id).is_ref_in_frame():
@@ -93,21 +112,42 @@ class PositionPriors:
             config.add_image(id)
         create = self._colmap.create_pose_prior_bundle_adjuster
         create(options, prior_options, config, priors, there).solve()
-        if there is not model:
-            _take_over(there, model)
+        _take_over(there, model)
         for id in self._beacons:
             model.deregister_frame(id)
 
-    def sigma_of_cameras(self, model: Any) -> dict[int, float]:
-        """Compute the standard deviations of positions known from placements and control points, by image id;
-        one image per panorama."""
+    def sigma_of_cameras(self, model: Any) -> dict[int, Array]:
+        """Compute the standard deviations (3,) of positions known from placements, control points and
+        altitudes, by image id, infinite where unknown; one image per panorama."""
         photos = self._photos(model)
-        by_points = self._sigma_by_points(photos)
-        both = {
-            image.image_id: [sigma for sigma in (by_points.get(n), self._sigma_of(image)) if sigma]
-            for n, image in photos.image.items()
-        }
-        return {id: float(np.sum(np.array(known) ** -2.0) ** -0.5) for id, known in both.items() if known}
+        by_points, height = self._sigma_by_points(photos), self._heights(photos)
+        found = {}
+        for n, image in photos.image.items():
+            both = [sigma for sigma in (by_points.get(n), self._sigma_of(image)) if sigma]
+            level = float(np.sum(np.array(both) ** -2.0) ** -0.5) if both else np.inf
+            usual = self._positions.height_sigma_px if both else np.inf
+            _, up = height.get(image.image_id, (0.0, usual))
+            found[image.image_id] = np.array([level, level, up])
+        return found
+
+    def _heights(self, photos: _Photos) -> dict[int, tuple[float, float]]:
+        """Compute known heights along the z axis, with standard deviations, by image id.
+
+        The level of each flight is where the model has it: only differences are known.
+        """
+        heights, found = self._positions.heights, dict[int, tuple[float, float]]()
+        images = [*photos.image.values()]
+        row = np.array([self._row[image.name] for image in images], np.int64)
+        for flight in np.unique(heights.flight[row]).tolist():
+            of_flight = np.flatnonzero(heights.flight[row] == flight)
+            if flight < 0:
+                continue
+            up = heights.height_px[row[of_flight]]
+            level = np.median(photos.submodel.centre[of_flight, 2] + up)
+            sigma = heights.sigma_px[row[of_flight]]
+            for n, z, own in zip(of_flight.tolist(), (level - up).tolist(), sigma.tolist(), strict=True):
+                found[images[n].image_id] = z, own
+        return found
 
     def _sigma_of(self, image: Any) -> float | None:
         return self.placed[image.name][1] if image.name in self.placed else None
@@ -128,14 +168,23 @@ class PositionPriors:
         submodel = of_photos(Submodel(row, centre, rotation), photo=photo, turn_deg=turn)
         return _Photos(submodel, dict(zip(photo.tolist(), images, strict=True)))
 
-    def _prior_of(self, image: Any, *, shows: bool, wider: float) -> Any | None:
-        """Return the prior of a placed photo; for one that only shows control points, of its height alone."""
-        height = self._positions.height_sigma_px
+    def _height_sigmas(self, photos: _Photos) -> dict[int, float]:
+        """Return the known heights in standard deviations, by image id."""
+        ratio = self._positions.heights.height_px / self._positions.heights.sigma_px
+        there = {image.image_id: float(ratio[self._row[image.name]]) for image in photos.image.values()}
+        return {id: value for id, value in there.items() if np.isfinite(value)}
+
+    def _prior_of(
+        self, image: Any, height: tuple[float, float] | None, *, shows: bool, wider: float
+    ) -> Any | None:
+        """Return the prior of a placed photo; of another one that shows control points or has a known height,
+        the prior of its height alone."""
+        z, sigma_z = (0.0, self._positions.height_sigma_px) if height is None else height
         if image.name in self.placed:
             at, sigma = self.placed[image.name]
-            return self._prior(image, [*at, 0.0], [wider * sigma, wider * sigma, height])
-        if shows:
-            return self._prior(image, [*image.projection_center()[:2], 0.0], [_ANYWHERE, _ANYWHERE, height])
+            return self._prior(image, [*at, z], [wider * sigma, wider * sigma, sigma_z])
+        if shows or height is not None:
+            return self._prior(image, [*image.projection_center()[:2], z], [_ANYWHERE, _ANYWHERE, sigma_z])
         return None
 
     def _show_points(self, model: Any, photos: _Photos, *, wider: float) -> Iterator[int]:
@@ -155,7 +204,7 @@ class PositionPriors:
 
     def _click(self, model: Any, reference: Any, ray: Array) -> int:
         """Add an image to a photo's frame that looks along a click's ray; a pixel is a standard deviation."""
-        own, frame = _free_id(model), model.frame(reference.frame_id)
+        own, frame = free_id(model), model.frame(reference.frame_id)
         params = [1.0 / CLICK_RAD, 0.5, 0.5]
         camera = self._colmap.Camera(model="SIMPLE_PINHOLE", width=1, height=1, params=params, camera_id=own)
         model.add_camera(camera)
@@ -171,7 +220,7 @@ class PositionPriors:
 
     def _look_from_above(self, model: Any, point: KnownPoint, *, at: Array, sigma_px: float) -> int:
         """Add an image that shows a point's known position; a pixel is a standard deviation."""
-        own = _free_id(model)
+        own = free_id(model)
         params = [_ABOVE, 0.5, 0.5]
         camera = self._colmap.Camera(model="SIMPLE_PINHOLE", width=1, height=1, params=params, camera_id=own)
         model.add_camera_with_trivial_rig(camera)
@@ -202,10 +251,6 @@ class PositionPriors:
             position_covariance=np.diag(np.square(sigma)),
             coordinate_system=self._colmap.PosePriorCoordinateSystem.CARTESIAN,
         )
-
-
-def _free_id(model: Any) -> int:
-    return 1 + int(max([*model.cameras, *model.images, *model.frames, *model.rigs]))
 
 
 def _looking_along(ray: Array) -> Array:

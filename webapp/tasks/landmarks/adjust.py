@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from webapp.core.landmarks.control_points import KnownPoint
 from webapp.core.landmarks.georegister import georegister
+from webapp.core.landmarks.heights import Altitude, Altitudes
 from webapp.core.landmarks.placing import AlignedSubmodel, KnownPositions, NotAligned
 from webapp.core.landmarks.radii import sigma_of
 from webapp.core.landmarks.submodels import Points, Submodel
@@ -33,6 +34,7 @@ from webapp.files.landmarks.colmap import (
 from webapp.files.landmarks.position_priors import PicturePositions
 from webapp.files.lock import writer_lock
 from webapp.progress import Progress
+from webapp.tasks.landmarks.altitudes import known_altitudes
 from webapp.tasks.landmarks.control_points import found_points
 from webapp.tasks.landmarks.known import known_positions
 from webapp.tasks.landmarks.mapping import ADJUSTED, model_folders, run_adjustment
@@ -63,8 +65,17 @@ that of the submodels, each of which was measured by leaving out one position, n
 
 _DISAGREE = "the photos do not agree with the positions"
 
-_FORMAT = 8
+_FORMAT = 9
 """Part of the hash of the known positions: change it to recompute adjustments by new rules."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Facts:
+    """What is known about n photos, or about n pictures of them, besides what they show."""
+
+    known: KnownPositions
+    points: Sequence[KnownPoint] = ()
+    altitudes: Altitudes | None = None  # None on a map of unknown scale
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,9 +104,11 @@ def adjust_submodels(
             raise IndexDamaged("the stored pieces are missing", where=str(found.folder), hint="run it again")
         known = known_positions(found.photos, the_map)
         points = [point for point in found_points(found, the_map) if not point.is_check]
-        adjusted = _key_of(known, the_map)
+        altitudes = known_altitudes(found.altitude_of, the_map, count=len(found.photos))
+        facts = Facts(known, points, altitudes)
+        adjusted = _key_of(known, the_map, altitudes)
         if now is None or (now.key, now.adjusted) != (rigid.key, adjusted):
-            now = _adjust(rigid, known, points, found=found, adjusted=adjusted, progress=progress)
+            now = _adjust(rigid, facts, found=found, adjusted=adjusted, progress=progress)
             write_submodels(found.folder / SUBMODELS_FILE, now)
             _remove_others(found.folder / ADJUSTED, adjusted)
         keep_cloud(found.folder, now, features=found.shared)
@@ -105,12 +118,13 @@ def adjust_submodels(
     ]
 
 
-def _key_of(known: KnownPositions, the_map: Map) -> str:
+def _key_of(known: KnownPositions, the_map: Map, altitudes: Altitudes | None = None) -> str:
     rows = np.column_stack([known.at.real, known.at.imag, known.sigma_px]).round(3).tolist()
     points = [
         asdict(point) for point in the_map.control_points if point.position is not None and not point.is_check
     ]
-    return hashlib.sha256(json.dumps([_FORMAT, rows, points]).encode()).hexdigest()[:16]
+    heights = None if altitudes is None else asdict(altitudes)
+    return hashlib.sha256(json.dumps([_FORMAT, rows, points, heights]).encode()).hexdigest()[:16]
 
 
 def _remove_others(folder: Path, kept: str) -> None:
@@ -120,16 +134,10 @@ def _remove_others(folder: Path, kept: str) -> None:
 
 
 def _adjust(
-    rigid: StoredSubmodels,
-    known: KnownPositions,
-    points: Sequence[KnownPoint],
-    *,
-    found: Reconstruction,
-    adjusted: str,
-    progress: Progress,
+    rigid: StoredSubmodels, facts: Facts, *, found: Reconstruction, adjusted: str, progress: Progress
 ) -> StoredSubmodels:
     """Join the submodels that can be georegistered, and measure the result by leaving out known positions."""
-    joining = _Joining(rigid, points, found)
+    known, joining = facts.known, _Joining(rigid, facts, found)
     out = found.folder / ADJUSTED / adjusted
     progress.note("adjusting the pieces to the known positions")
     joined = joining.join(known, out=out, progress=progress)
@@ -222,8 +230,8 @@ class _Joined(NamedTuple):
 class _Joining:
     """Joins the rigid submodels of a reconstruction by known positions."""
 
-    def __init__(self, rigid: StoredSubmodels, points: Sequence[KnownPoint], found: Reconstruction) -> None:
-        self._rigid, self._points, self._found = rigid, points, found
+    def __init__(self, rigid: StoredSubmodels, facts: Facts, found: Reconstruction) -> None:
+        self._rigid, self._facts, self._found = rigid, facts, found
         self._of_photos = [*renumbered(rigid, found.number_of, turn_of=found.turn_of)]
         self.pictures = np.array([found.number_of[content] for content in rigid.contents], np.int64)
 
@@ -237,7 +245,7 @@ class _Joining:
             least: Minimum number of known positions.
         """
         rigid = self._rigid
-        results = [georegister(submodel, known, points=self._points) for submodel in self._of_photos]
+        results = [georegister(submodel, known, points=self._facts.points) for submodel in self._of_photos]
         row = {content: n for n, content in enumerate(rigid.contents)}
         contradict: set[int] = set()  # Numbers of submodels
         while True:
@@ -250,7 +258,7 @@ class _Joining:
             if problem:
                 return _DISAGREE if contradict else problem
             wrong = {fit.name for result in results for fit in result.points if fit.contradicts}
-            points = [point for point in self._points if point.name not in wrong]
+            points = [point for point in self._facts.points if point.name not in wrong]
             positions = self._positions(known, used, points=points, left_out=contradict)
             model = self._adjusted(positions, used, out=out, progress=progress)
             if model is None:
@@ -270,7 +278,7 @@ class _Joining:
         """Return the errors of known positions that their submodels predict from the others, by photo."""
         errors: dict[int, float] = {}
         for submodel in self._of_photos:
-            aligned = georegister(submodel, known, points=self._points).aligned
+            aligned = georegister(submodel, known, points=self._facts.points).aligned
             if isinstance(aligned, AlignedSubmodel):
                 rows = np.flatnonzero(np.isfinite(aligned.residual_px))
                 errors |= zip(submodel.photo[rows].tolist(), aligned.residual_px[rows].tolist(), strict=True)
@@ -296,12 +304,16 @@ class _Joining:
             hidden[rigid.submodels[order].photo] = False
         shown = np.flatnonzero(~hidden)
         contents, number = [rigid.contents[row] for row in shown.tolist()], self.pictures[shown]
+        altitudes = self._facts.altitudes
         return positions_of(
             contents,
-            KnownPositions(at[number], known.sigma_px[number], known.derived[number]),
+            Facts(
+                KnownPositions(at[number], known.sigma_px[number], known.derived[number]),
+                points,
+                None if altitudes is None else altitudes.subset(number.tolist()),
+            ),
             photo=number,
             turn_deg=np.array([self._found.turn_of.get(content, 0) for content in contents], np.int64),
-            points=points,
         )
 
     def _adjusted(
@@ -353,23 +365,21 @@ def _too_little(aligned: Sequence[AlignedSubmodel], *, least: int) -> str:
 
 
 def positions_of(
-    contents: Sequence[str],
-    known: KnownPositions,
-    *,
-    photo: NDArray[np.int64],
-    turn_deg: NDArray[np.int64],
-    points: Sequence[KnownPoint] = (),
+    contents: Sequence[str], facts: Facts, *, photo: NDArray[np.int64], turn_deg: NDArray[np.int64]
 ) -> PicturePositions:
-    """Collect the known positions of pictures (photos and views of panoramas) and of control points.
+    """Collect what is known about pictures (photos and views of panoramas) and control points.
 
     Args:
-        known: Of the pictures; NaN for outliers.
+        facts: Positions of the pictures, NaN for outliers; control points, without outliers; altitudes of the
+            pictures.
         photo, turn_deg: array. See `PicturePositions`.
-        points: Control points, without outliers.
     """
+    known, points = facts.known, facts.points
     usable = np.flatnonzero(np.isfinite(known.at))
     at = np.append(known.at[usable], [point.at for point in points])
     where = np.column_stack([at.real, at.imag])
+    usual_px = _HEIGHT_SHARE * float(np.ptp(where, axis=0).max())
+    altitudes = facts.altitudes or Altitudes((Altitude(),) * len(contents), 1.0)
     return PicturePositions(
         tuple(contents),
         photo,
@@ -377,8 +387,9 @@ def positions_of(
         tuple(contents[number] for number in usable.tolist()),
         where[: len(usable)],
         known.sigma_px[usable],
-        _HEIGHT_SHARE * float(np.ptp(where, axis=0).max()),
+        usual_px,
         tuple(points),
+        altitudes.heights(usual_px=usual_px),
     )
 
 
@@ -397,7 +408,7 @@ def adjust_job(
         aligned: Submodels of pictures, with their georegistrations.
         matches, folder, out: The database, the folder of the reconstruction, and that for the joined model.
     """
-    placed = dict(zip(positions.known, positions.at, strict=True))
+    placed, height_of = dict(zip(positions.known, positions.at, strict=True)), positions.height_of
     contents: list[str] = []
     centre, rotation = [np.zeros((0, 3))], [np.zeros((0, 3, 3))]
     for submodel, result in aligned:
@@ -406,7 +417,7 @@ def adjust_job(
         at = np.column_stack([there.at.real, there.at.imag])
         at = np.array([placed.get(name, own) for name, own in zip(names, at, strict=True)])
         contents += names
-        centre.append(np.column_stack([at, np.zeros(len(at))]))
+        centre.append(np.column_stack([at, [-height_of.get(name, 0.0) for name in names]]))
         to_map = _to_map(there.factor) @ result.transform.frame
         rotation.append(submodel.rotation @ np.swapaxes(to_map, 1, 2))
     cameras = tuple(contents), np.concatenate(centre), np.concatenate(rotation)

@@ -18,6 +18,7 @@ from webapp.core.features.lightglue import PairMatcher
 from webapp.core.features.table import FeatureChoice, choose
 from webapp.core.features.types import Features
 from webapp.core.geo.types import MapPixel
+from webapp.core.landmarks.heights import Altitude
 from webapp.core.landmarks.matching import Pairs, Views, choose_pairs, match_mutually
 from webapp.core.landmarks.submodels import LEAST_PHOTOS, Submodel, of_photos
 from webapp.core.mapmodel.model import Experience, Map
@@ -50,6 +51,7 @@ from webapp.files.maps.folder import photo_hash
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings
 from webapp.tasks.computing.in_order import ExecutionTarget, in_order
+from webapp.tasks.landmarks.altitudes import read_altitudes
 from webapp.tasks.landmarks.known import AnyPhoto
 from webapp.tasks.landmarks.mapping import (
     MATCHES_FILE,
@@ -92,6 +94,7 @@ class Reconstruction:
     number_of: Mapping[str, int]
     # Degrees by which the views among them are turned clockwise from the middle of their panoramas.
     turn_of: Mapping[str, int] = field(default_factory=dict)
+    altitude_of: Mapping[int, Altitude] = field(default_factory=dict)  # By the photos' numbers
 
 
 def reconstruct(
@@ -152,10 +155,20 @@ def reconstruct(
     by_content = {entry.content: photo for photo, entry in described}
     find_in_photos(cfg, the_map, photos=by_content, folder=folder, limits=settings.photo, progress=progress)
     number_of = {one.entry.content: one.number for one in reversed(pictures.described)}
+    altitudes = read_altitudes(cfg, by_content, folder=folder, limits=settings.photo)
+    altitude_of = {number_of[content]: altitude for content, altitude in altitudes.items()}
     turn_of = {entry.content: photo.view.turn_deg for photo, entry in described if photo.view is not None}
     found = tuple(renumbered(submodels, number_of, turn_of=turn_of))
     return Reconstruction(
-        pictures.photos, found, pictures.problems, out, folder, database.path, number_of, turn_of
+        pictures.photos,
+        found,
+        pictures.problems,
+        out,
+        folder,
+        database.path,
+        number_of,
+        turn_of,
+        altitude_of,
     )
 
 
