@@ -174,7 +174,7 @@ class PieceMaker:
         known = known_positions(photos.experiences, self._opened.map)
         count = len(photos.contents)
         turn_deg = np.zeros(count, np.int64)
-        positions = positions_of(photos.contents, known, photo=np.arange(count), turn_deg=turn_deg)
+        positions = positions_of(photos.contents, Facts(known), photo=np.arange(count), turn_deg=turn_deg)
         rows = np.array([self._row[e.id] for e in photos.experiences])
         if indexed.extrinsics is None:
             return None

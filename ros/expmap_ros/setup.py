@@ -8,7 +8,7 @@ NODES = ("pose_estimator", "image_publisher", "mission_bridge", "fix_bridge", "v
 
 setup(
     name="expmap_ros",
-    version="0.7.0",
+    version="1.0.0",
     description="ROS 2 nodes of Experience Map",
     license="MIT",
     packages=["expmap_ros"],
