@@ -31,7 +31,7 @@ from webapp.files.landmarks.match_database import MatchDatabase
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings
 from webapp.tasks.computing.in_order import ExecutionTarget
-from webapp.tasks.landmarks.adjust import positions_of
+from webapp.tasks.landmarks.adjust import Facts, positions_of
 from webapp.tasks.landmarks.known import known_positions
 from webapp.tasks.landmarks.on_demand import photos_around
 from webapp.tasks.landmarks.reconstruct import compare_photos, describe_pictures
