@@ -250,3 +250,15 @@ def test_one_of_four_positions_that_is_wrong_is_named_and_does_not_count(walk, r
     assert result.residual_px[12] == pytest.approx(150.0, abs=1.0)
     assert result.predicted[12] == pytest.approx(at[12], abs=1.0)
     assert np.abs(result.at - at).max() < 1.0
+
+
+def test_no_radius_is_below_what_left_out_positions_show(court, rng):
+    """Where each camera is off by itself, one next to a placed photo is no better than the others."""
+    at, headings = court
+    off = 12.0 * (rng.normal(size=len(at)) + 1j * rng.normal(size=len(at)))
+    submodel = submodel_of(at + off, headings, rng=rng)
+    placed = np.arange(0, len(at), 3)
+    aligned = align_submodel(submodel, known_at(at, placed, sigma_px=0.5))
+    shown = np.nanmedian(aligned.residual_px)
+    assert shown > 5.0
+    assert aligned.radius_px.min() >= shown

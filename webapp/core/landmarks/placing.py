@@ -392,6 +392,8 @@ def _align(submodel: Submodel, view: PlanView, known: PlacedPhotos) -> AlignedSu
     if radius is None:
         rate = max(submodel.error_rate, error_rate_of(relative))
         radius = radius_by_distance(view.position, used, factor=factor, rate=rate)
+        if len(measured) > 2:  # errors are not all due to distance
+            radius = np.maximum(radius, np.median(error))
     return AlignedSubmodel(
         at,
         radius,

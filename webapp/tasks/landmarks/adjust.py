@@ -57,7 +57,8 @@ with them."""
 
 _FOLDS, _MOST_FOLDED = 4, 60
 """Number of groups of known positions that are left out in turn to measure the error, and the number of known
-positions above which their covariances suffice for that."""
+positions above which their covariances suffice for that. Left out one by one, a piece with many positions
+would vouch for others that only one or two hold."""
 
 _LEAST_MEASURED, _MORE_ERROR = 3, 1.5
 """Number of left-out positions that must be measured, and the factor by which their median error may exceed
@@ -65,7 +66,7 @@ that of the submodels, each of which was measured by leaving out one position, n
 
 _DISAGREE = "the photos do not agree with the positions"
 
-_FORMAT = 9
+_FORMAT = 11
 """Part of the hash of the known positions: change it to recompute adjustments by new rules."""
 
 
