@@ -30,6 +30,10 @@ CLUSTER := -p no:unraisableexception -W "ignore:coroutine:RuntimeWarning" tests/
 PROCESSES = $(shell expr $$(nproc 2>/dev/null || echo 2) \* 3 / 2)
 # The tests of a file share what they need, so they run in one process; `tests/conftest.py` orders the files.
 PYTEST  = $(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
+# Of tests of several processes and of browsers, those that fail run once more, alone: a loaded machine can upset their timing.
+define twice
+	$(PYTEST) -n $(PROCESSES) -q $(1) || { echo "what failed runs once more, alone"; $(BIN)/pytest -q --last-failed --last-failed-no-failures none $(1); }
+endef
 PIP    := $(BIN)/python -m pip install --disable-pip-version-check
 # By environment, so that what builds the package is pinned too.
 export PIP_CONSTRAINT       := constraints.txt
@@ -98,13 +102,13 @@ test:            ## run what must pass before each commit; installs chromium wit
 	$(PYTEST) -q -m "not slow" $(QUICK)
 	$(PYTEST) -q -m "not slow" $(wildcard $(PAGES))
 	$(PYTEST) -n $(PROCESSES) -q -m "not slow" --database postgresql $(SERVER)
-	$(PYTEST) -n $(PROCESSES) -q -m "not slow" $(REST)
-	$(PYTEST) -n $(PROCESSES) -q -m "not slow" tests/browser
+	$(call twice,-m "not slow" $(REST))
+	$(call twice,-m "not slow" tests/browser)
 
 test-slow:       ## run the rest: long builds and kills, installs, each page in four looks, all records on PostgreSQL, Dask, ROS
 	@$(MAKE) --no-print-directory -j 3 $(VENV)/.tested browser ros-install
-	$(PYTEST) -n $(PROCESSES) -q --database postgresql $(RECORDS)
-	$(PYTEST) -n $(PROCESSES) -q -m slow $(filter-out tests/cluster, $(wildcard tests/*/))
+	$(call twice,--database postgresql $(RECORDS))
+	$(call twice,-m slow $(filter-out tests/cluster, $(wildcard tests/*/)))
 	@$(MAKE) --no-print-directory -j 2 cluster ros-test
 
 test-changed: $(VENV)/.tested ## run the quick tests of what differs from main: of changed modules, and of modules that import them

@@ -117,7 +117,7 @@ def test_each_part_of_the_suite_is_run_once(project):
     assert slow.count("-j 3 $(VENV)/.tested browser ros-install\n") == 1
     assert recipe.count("-j 2 $(VENV)/.tested browser\n") == 1
     assert slow.count("-m slow $(filter-out tests/cluster, $(wildcard tests/*/))") == 1
-    assert recipe.count('-m "not slow"') == recipe.count("$(PYTEST)")
+    assert recipe.count('-m "not slow"') == recipe.count("$(PYTEST)") + recipe.count("$(call twice,")
     assert recipe_of("ros-install").count("ros/install.py") == 1
     assert recipe_of("browser").count("tests/browser/ensure_browser.py") == 1
     for part in ("$(LINT)", "$(QUICK)", "$(SERVER)", "$(REST)", "$(wildcard $(PAGES))", "tests/browser"):
