@@ -179,8 +179,8 @@ def _left_out(
         return None
     left_out = np.full((len(numbers), 3), np.nan)
     folds = min(_FOLDS, len(judges))
+    progress.note("measuring the error without some of the positions")
     for fold in range(folds):
-        progress.note(f"measuring the error: adjusting without some of the positions, {fold + 1} of {folds}")
         hidden = judges[fold::folds]
         at = known.at.copy()
         at[hidden] = complex(math.nan, math.nan)
