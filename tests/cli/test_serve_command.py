@@ -353,6 +353,20 @@ def impatient(tmp_path_factory):
             yield port, url
 
 
+def test_a_body_that_nobody_read_and_the_next_request_in_one_piece_stop_no_process(impatient):
+    port, url = impatient
+    with socket.create_connection(("127.0.0.1", port)) as client, client.makefile("rb") as answers_:
+        client.settimeout(20)
+        client.sendall(
+            b"POST /api/v1/maps/park/undo HTTP/1.1\r\nHost: here\r\nContent-Type: application/json\r\n"
+            b"Content-Length: 12\r\n\r\n"
+        )
+        assert answers_.readline() == b"HTTP/1.1 401 UNAUTHORIZED\r\n"
+        client.sendall(b'{"seen": 12}GET /sign-in HTTP/1.1\r\nHost: here\r\nConnection: close\r\n\r\n')
+        assert b"HTTP/1.1 200 OK\r\n" in answers_.read()
+        assert answers(url)
+
+
 @pytest.mark.parametrize("sent", HALF)
 def test_clients_that_stop_half_way_keep_no_thread(impatient, sent):
     port, url = impatient

@@ -29,7 +29,7 @@ def silent(worker):
     """A connection of that worker whose time for a request is over, but not yet its idle timeout."""
     here, there = socket.socketpair()
     connection = Connection.__new__(Connection)
-    connection.sock, connection.patient_until = here, time.monotonic() - 1
+    connection.sock, connection.parser, connection.patient_until = here, None, time.monotonic() - 1
     connection.timeout = connection.patient_until + 60
     worker.poller.register(here, selectors.EVENT_READ)
     worker.pending_conns.append(connection)
@@ -67,7 +67,7 @@ def test_a_kept_connection_is_not_closed_under_a_request(
 ):
     here, there = socket.socketpair()
     connection = Connection.__new__(Connection)
-    connection.sock, connection.cfg = here, SimpleNamespace(keepalive=75)
+    connection.sock, connection.parser, connection.cfg = here, None, SimpleNamespace(keepalive=75)
     connection.set_timeout()
     connection.timeout -= idle_s
     connection.patient_until -= idle_s
@@ -96,7 +96,8 @@ def test_requests_that_localize_leave_the_threads_to_others(worker):
         for request in [b"POST /api/v1/maps/park/localize HTTP/1.1\r\n"] * 3 + [b"GET /maps HTTP/1.1\r\n"]:
             connection = Connection.__new__(Connection)
             here, there = (stack.enter_context(end) for end in socket.socketpair())
-            connection.sock, connection.localizes = ClientSocket(fileno=here.detach()), b"localize" in request
+            connection.sock, connection.parser = ClientSocket(fileno=here.detach()), None
+            connection.localizes = b"localize" in request
             stack.enter_context(connection.sock)
             there.sendall(request)
             worker.enqueue_req(connection)

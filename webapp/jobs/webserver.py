@@ -130,11 +130,18 @@ class Connection(TConn):  # type: ignore[misc]
         self.patient_until = time.monotonic() + ClientSocket.patience_s
 
     def peek(self) -> bytes:
-        """Return the first unread bytes; none if there are none yet, or the client has gone."""
+        """Return the first unread bytes; none if there are none yet, or the client has gone. Never waits."""
+        # What was received behind the rest of a request's body, if there is any, is the next request.
+        if received := b"" if self.parser is None else self.parser.unreader.buf.getvalue():
+            return bytes(received)
+        timeout = self.sock.gettimeout()
+        self.sock.settimeout(0.0)  # with a timeout Python would wait, whatever the flags say
         try:
-            return socket.socket.recv(self.sock, _BEGIN_BYTES, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+            return socket.socket.recv(self.sock, _BEGIN_BYTES, socket.MSG_PEEK)
         except OSError:
             return b""
+        finally:
+            self.sock.settimeout(timeout)
 
     def asks_to_localize(self) -> bool:
         """Return whether a request begins that may wait for its turn to localize; False if not known yet."""
