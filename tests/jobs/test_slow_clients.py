@@ -5,11 +5,12 @@ import socket
 import threading
 import time
 from collections import deque
+from concurrent.futures import Future
 from contextlib import ExitStack
 from types import SimpleNamespace
 
 import pytest
-from gunicorn.workers.gthread import PollableMethodQueue
+from gunicorn.workers.gthread import PollableMethodQueue, ThreadWorker
 
 from webapp.jobs.webserver import ClientSocket, Connection, PatientWorker
 
@@ -103,3 +104,19 @@ def test_requests_that_localize_leave_the_threads_to_others(worker):
             worker.enqueue_req(connection)
         assert answered.wait(30)
         assert not localized.is_set()
+
+
+def test_a_closing_connection_is_waited_for_in_the_thread_of_its_request(worker, monkeypatch):
+    monkeypatch.setattr(ThreadWorker, "handle", lambda self, connection: False)
+    here, there = socket.socketpair()
+    connection = Connection.__new__(Connection)
+    connection.sock, worker.nr_conns = ClientSocket(fileno=here.detach()), 1
+    with there:
+        there.sendall(b"the rest of a body")
+        assert worker.handle(connection) is False
+        assert connection.sock.fileno() == -1
+        assert there.recv(1) == b"", "not reset"
+        answered = Future()
+        answered.set_result(False)
+        worker.finish_request(connection, answered)
+    assert worker.nr_conns == 0

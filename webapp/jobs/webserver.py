@@ -55,8 +55,8 @@ _KEEP_ALIVE_S = 75
 _CROWDED = 0.5
 """Fraction of a process's connections above which silent ones are closed after the plain patience."""
 
-_LINGER_S = 0.1
-"""How long a closing connection is still read, short because this blocks the thread that accepts others."""
+_LINGER_S = 0.5
+"""How long a closing connection is still read, so that the end of the response is not lost."""
 
 _LOCALIZE = re.compile(rb"POST /\S*/(localize|find)[ ?]")
 _BEGIN_BYTES = 400
@@ -119,7 +119,7 @@ class ClientSocket(socket.socket):
 
 
 class Connection(TConn):  # type: ignore[misc]
-    """A connection that is closed without waiting long for the client."""
+    """A connection whose client is waited for in the request's thread, never in the one that serves all."""
 
     patient_until = 0.0
     """Monotonic time from which it counts as silent when many connections are open."""
@@ -147,12 +147,13 @@ class Connection(TConn):  # type: ignore[misc]
         """Return whether a request begins that may wait for its turn to localize; False if not known yet."""
         return _LOCALIZE.match(self.peek()) is not None
 
+    def linger(self) -> None:
+        """Close it once the client has closed it, too."""
+        util.close_graceful(self.sock, timeout=_LINGER_S)
+
     def close(self, graceful: bool = False) -> None:
-        """Close it; gracefully means that the end of the response is not lost."""
-        if graceful:
-            util.close_graceful(self.sock, timeout=_LINGER_S)
-        else:
-            util.close(self.sock)
+        """Close it at once: after a response, `linger` has waited already."""
+        util.close(self.sock)
 
 
 class PatientWorker(ThreadWorker):  # type: ignore[misc]
@@ -221,7 +222,10 @@ class PatientWorker(ThreadWorker):  # type: ignore[misc]
 
     def handle(self, conn: Connection) -> Any:
         conn.sock.begin_request()
-        return super().handle(conn)
+        kept = super().handle(conn)
+        if not kept:
+            conn.linger()
+        return kept
 
 
 def _broken() -> ConnectionResetError:
