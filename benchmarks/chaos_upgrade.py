@@ -3,9 +3,9 @@
     python -m benchmarks.chaos --upgrade-from COMMIT [--nodes 3] [--minutes 4] [--longest 5] [--s3]
 
 Web nodes and a job worker run from a worktree of COMMIT, and so does what makes the library. The steps are
-those of "Updating without a pause" in `docs/cluster-running.md`: first the worker, which migrates the tables, then
-one node after the other. Before that, one node is killed with SIGKILL and started again with the old code,
-as systemd would, so that an old node also starts with the new tables.
+those of "Updating without a pause" in `docs/cluster-running.md`: first the worker, which migrates the tables,
+then one node after the other. Before that, one node is killed with SIGKILL and started again with the old
+code, as systemd would, so that an old node also starts with the new tables.
 
 Prints tables: what was acknowledged, lost and stored twice; the longest time in which a client got no
 answer, although it repeats its request on the other nodes; errors of old nodes after the migration.
