@@ -4,24 +4,28 @@
 
 Random requests to all of the API, photos, satellite images, zips, `.cfg` files, GeoPackages, missions, shapes
 drawn on them, positions of phones, coordinate systems and decompression bombs (some of whose clients leave
-after three seconds) are sent by several clients to a separate server with a temporary library. Each request
-is derived from the seed and its number: `--only` repeats one. Prints a JSON object with the responses by kind
-and status, the slowest request of each kind and the slowest health check with their seconds, and the greatest
+after three seconds) are sent by several clients to a separate server with a temporary library; others open
+connections, break the rules of HTTP on them and keep them. Each request is derived from the seed and its
+number: `--only` repeats one. Prints a JSON object with the responses by kind
+and status, the slowest request of each kind, health check and page with their seconds, and the greatest
 memory of any process, over what it took when idle; on standard error each fault as it occurs: a 5xx other
 than "busy" (503 with `Retry-After`) and a full disk (507), no response, a response after more than a minute,
-a health check after more than ten seconds, a process with 700 MB more than when idle, an acknowledged photo
-that is missing or different. With faults, the end of the server's log follows, and the exit code is 1.
+a health check or page after more than ten seconds, a process with 700 MB more than when idle, an
+acknowledged photo that is missing or different. With faults, the end of the server's log follows, and the
+exit code is 1.
 """
 
 from __future__ import annotations
 
 import argparse
 import collections
+import contextlib
 import dataclasses
 import io
 import itertools
 import json
 import random
+import socket
 import sys
 import tempfile
 import threading
@@ -30,6 +34,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 import requests
@@ -47,6 +52,8 @@ _LONGEST_S, _HEALTH_S = 60.0, 10.0
 _LEAVES_S = 3.0
 _MOST_MB = 700.0
 _LOOK_S = 0.2
+_CONNECTS_EVERY_S = 0.5
+_MOST_KEPT = 40
 _STAGED = "/mission-files"
 _MISSION = {"name": "walk"}
 
@@ -118,7 +125,11 @@ def main() -> None:
         acknowledged = _prepare(owner)
         memory, over = PeakMemory(app.pid), threading.Event()
         watches = [
-            threading.Thread(target=_watch, args=(app.url, tally, over)),
+            *(
+                threading.Thread(target=_watch, args=(app.url + path, tally, over), kwargs={"kind": kind})
+                for kind, path in (("health", "/healthz"), ("page", "/sign-in"))
+            ),
+            threading.Thread(target=_keep_connections, args=(app.url, over)),
             threading.Thread(target=_watch_memory, args=(memory, over)),
         ]
         for watch in watches:
@@ -136,6 +147,7 @@ def main() -> None:
             sys.stderr.writelines(app.said)
     figures = {
         "slowest_health_s": tally.slowest.get("health", (None, ""))[0],
+        "slowest_page_s": tally.slowest.get("page", (None, ""))[0],
         "most_mb_over_idle": round(memory.most_mb),
         "of_process": memory.process,
     }
@@ -274,16 +286,35 @@ def _watch_memory(memory: PeakMemory, over: threading.Event) -> None:
         memory.look()
 
 
-def _watch(url: str, tally: Tally, over: threading.Event) -> None:
-    """Check the health of the server every second."""
+def _watch(url: str, tally: Tally, over: threading.Event, *, kind: str) -> None:
+    """Ask for a health check or a page every second."""
     while not over.wait(1.0):
         started = time.monotonic()
         try:
-            status: object = requests.get(f"{url}/healthz", timeout=_HEALTH_S).status_code
+            status: object = requests.get(url, timeout=_HEALTH_S).status_code
         except requests.RequestException as error:
             status = "none"
-            tally.fault(f"health check: {error!r}")
-        tally.note("health", status, seconds=time.monotonic() - started)
+            tally.fault(f"{kind}: {error!r}")
+        tally.note(kind, status, seconds=time.monotonic() - started)
+
+
+def _keep_connections(url: str, over: threading.Event) -> None:
+    """Open a connection now and then, break the rules of HTTP on it, and keep it without reading."""
+    address = urlsplit(url)
+    kept: collections.deque[socket.socket] = collections.deque()
+    for pieces in itertools.cycle(hostile_inputs.CONNECTIONS):
+        if over.wait(_CONNECTS_EVERY_S):
+            break
+        connection = socket.create_connection((str(address.hostname), address.port))
+        kept.append(connection)
+        with contextlib.suppress(OSError):  # the server may have closed it
+            for piece in pieces:
+                connection.sendall(piece)
+                time.sleep(_LOOK_S)
+        if len(kept) > _MOST_KEPT:
+            kept.popleft().close()
+    for connection in kept:
+        connection.close()
 
 
 def _check_kept(owner: Client, acknowledged: dict[int, bytes], *, tally: Tally) -> None:

@@ -42,6 +42,24 @@ _FORMATS: Mapping[str, str] = {
 }
 
 
+_POST = b"POST /api/v1/maps/target/undo HTTP/1.1\r\nHost: here\r\nContent-Type: application/json\r\n"
+_GET = b"GET /sign-in HTTP/1.1\r\nHost: here\r\n"
+CONNECTIONS: tuple[tuple[bytes, ...], ...] = (
+    (_POST + b"Content-Length: 12\r\n\r\n", b'{"seen": 12}' + _GET + b"\r\n"),
+    (_POST + b"Content-Length: 9000\r\n\r\n{",),
+    (_POST + b"Transfer-Encoding: chunked\r\n\r\n", b"5\r\n{", b"zz\r\n"),
+    (_POST + b"Expect: 100-continue\r\nContent-Length: 12\r\n\r\n",),
+    ((_GET + b"\r\n") * 20,),
+    (_GET + b"Connection: close\r\n\r\n", b"more"),
+    (_GET + b"X: " + b"x" * 100_000,),
+    (_GET,),
+    (b"\r\n\r\n\0\xff",),
+    (b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n",),
+    (b"",),
+)
+"""What clients send on a connection, piece by piece, that do not follow HTTP or do not read the answers."""
+
+
 @dataclass(frozen=True, slots=True)
 class Request:
     """A request with a body of `json`, of `raw` JSON, or of `files` and `data` of a form."""
