@@ -12,6 +12,9 @@ from webapp.core.geo.types import MapPixel
 from webapp.core.landmarks.heights import Altitude, Altitudes
 from webapp.core.landmarks.placing import KnownPositions
 from webapp.core.mapmodel.model import Experience, Map, SatelliteImage
+from webapp.errors import Cancelled
+from webapp.files.photos.photo import read_facts
+from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.landmarks import altitudes
 from webapp.tasks.landmarks.adjust import _key_of
@@ -37,8 +40,14 @@ def photos(tmp_path):
     return {name: Experience(n, f"{name}.jpg", MapPixel(5.0, 5.0)) for n, name in enumerate(xmp)}
 
 
-def read(tmp_path, photos):
-    return read_altitudes(tmp_path / "map.cfg", photos, folder=tmp_path, limits=Settings().photo)
+def read(tmp_path, photos, progress=None):
+    return read_altitudes(
+        tmp_path / "map.cfg",
+        photos,
+        folder=tmp_path,
+        limits=Settings().photo,
+        progress=progress or Progress(),
+    )
 
 
 def test_they_are_read_once_from_what_drones_write(tmp_path, photos, monkeypatch):
@@ -47,6 +56,34 @@ def test_they_are_read_once_from_what_drones_write(tmp_path, photos, monkeypatch
     monkeypatch.setattr(altitudes, "read_facts", None)
     assert read(tmp_path, photos) == expected
     assert read(tmp_path, {"drone": photos["drone"]}) == {"drone": Altitude(320.5, 60.1)}
+
+
+def test_reading_can_be_stopped_and_what_was_read_is_kept(tmp_path, photos, monkeypatch):
+    class Stopped(Progress):
+        asked = 0
+
+        def cancelled(self):
+            self.asked += 1
+            return self.asked == 3
+
+    monkeypatch.setattr(altitudes, "_KEPT_EACH", 2)
+    with pytest.raises(Cancelled):
+        read(tmp_path, photos, Stopped())
+    assert json.loads((tmp_path / "altitudes.json").read_text()).keys() == {"absurd", "drone"}
+    assert len(read(tmp_path, photos)) == 3
+
+
+def test_the_views_of_a_panorama_read_its_file_once(tmp_path, photos, monkeypatch):
+    views = {f"view {n}": photos["drone"] for n in range(8)}
+    opened = []
+
+    def counting(path, **options):
+        opened.append(path.name)
+        return read_facts(path, **options)
+
+    monkeypatch.setattr(altitudes, "read_facts", counting)
+    assert set(read(tmp_path, views).values()) == {Altitude(320.5, 60.1)}
+    assert opened == ["drone.jpg"]
 
 
 @pytest.mark.parametrize("damaged", ["", "[]", '{"drone": 7}', '{"drone": {"height": 3}}'])
