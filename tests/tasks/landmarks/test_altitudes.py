@@ -119,3 +119,11 @@ def test_they_need_a_georeference_and_are_part_of_the_key_of_an_adjustment():
         Altitudes(found.photos, 9.0),
     ]
     assert len({_key_of(known, there, one) for one in others}) == 4
+
+
+def test_a_position_that_is_confirmed_by_hand_changes_the_key_of_an_adjustment():
+    """It can then be left out to measure the error."""
+    the_map = Map(SatelliteImage("s.png", 1000, 1000), ())
+    derived = KnownPositions(np.zeros(2, np.complex128), np.ones(2), np.ones(2, np.bool_))
+    by_hand = replace(derived, derived=np.zeros(2, np.bool_))
+    assert _key_of(derived, the_map) != _key_of(by_hand, the_map)

@@ -120,7 +120,7 @@ def adjust_submodels(
 
 
 def _key_of(known: KnownPositions, the_map: Map, altitudes: Altitudes | None = None) -> str:
-    rows = np.column_stack([known.at.real, known.at.imag, known.sigma_px]).round(3).tolist()
+    rows = np.column_stack([known.at.real, known.at.imag, known.sigma_px, known.derived]).round(3).tolist()
     points = [
         asdict(point) for point in the_map.control_points if point.position is not None and not point.is_check
     ]
