@@ -17,7 +17,7 @@ from webapp.files.photos.photo import read_facts
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.landmarks import altitudes
-from webapp.tasks.landmarks.adjust import _key_of
+from webapp.tasks.landmarks.adjust import Facts, _key_of, positions_of
 from webapp.tasks.landmarks.altitudes import known_altitudes, read_altitudes
 
 TENTH = Georeference("EPSG:32635", (0.1, 0.0, 470_683.0, 0.0, -0.1, 6_696_811.0, 0.0, 0.0, 1.0), "corners")
@@ -127,3 +127,22 @@ def test_a_position_that_is_confirmed_by_hand_changes_the_key_of_an_adjustment()
     derived = KnownPositions(np.zeros(2, np.complex128), np.ones(2), np.ones(2, np.bool_))
     by_hand = replace(derived, derived=np.zeros(2, np.bool_))
     assert _key_of(derived, the_map) != _key_of(by_hand, the_map)
+
+
+@pytest.mark.parametrize(
+    ("above_sea_m", "flight", "height_px"),
+    [((300.0, None), [-1] * 7, None), ((300.0, 400.0), [0] * 7, [-500.0] * 6 + [500.0])],
+    ids=["alone", "with another photo"],
+)
+def test_a_panorama_is_one_photo_with_one_height(above_sea_m, flight, height_px):
+    """Its six views are neither a flight of their own, nor six heights in the mean of one."""
+    photo = np.array([0] * 6 + [1])
+    known = KnownPositions(np.array([0.0] * 6 + [9000.0j]), np.ones(7), np.zeros(7, np.bool_))
+    both = Altitudes(tuple(Altitude(above_sea_m[number]) for number in photo), 10.0)
+    heights = positions_of(
+        [f"{n}" for n in range(7)], Facts(known, altitudes=both), photo=photo, turn_deg=np.zeros(7, np.int64)
+    ).heights
+    assert heights.flight.tolist() == flight
+    if height_px is not None:
+        assert heights.height_px == pytest.approx(height_px, rel=0.3)
+        assert heights.height_px[0] == -heights.height_px[6]

@@ -381,6 +381,7 @@ def positions_of(
     where = np.column_stack([at.real, at.imag])
     usual_px = _HEIGHT_SHARE * float(np.ptp(where, axis=0).max())
     altitudes = facts.altitudes or Altitudes((Altitude(),) * len(contents), 1.0)
+    _, first, row = np.unique(photo, return_index=True, return_inverse=True)  # a panorama counts once
     return PicturePositions(
         tuple(contents),
         photo,
@@ -390,7 +391,7 @@ def positions_of(
         known.sigma_px[usable],
         usual_px,
         tuple(points),
-        altitudes.heights(usual_px=usual_px),
+        altitudes.subset(first.tolist()).heights(usual_px=usual_px).subset(row),
     )
 
 
