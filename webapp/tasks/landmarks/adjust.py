@@ -65,6 +65,7 @@ _LEAST_MEASURED, _MORE_ERROR = 3, 1.5
 that of the submodels, each of which was measured by leaving out one position, not a quarter of them."""
 
 _DISAGREE = "the photos do not agree with the positions"
+_UNMEASURED = "too few positions can be left out to measure the error"
 
 _FORMAT = 11
 """Part of the hash of the known positions: change it to recompute adjustments by new rules."""
@@ -151,8 +152,9 @@ def _adjust(
         if number not in joined.submodels and not np.isin(submodel.photo, joined.photo).any()
     ]
     left_out = _left_out(joining, known, numbers, out=out, progress=progress)
-    if left_out is not None and not _is_better(left_out, numbers, joining.predicted(known), known=known):
-        return replace(rigid, adjusted=adjusted, problem=_DISAGREE)
+    problem = left_out is not None and _refused(left_out, numbers, joining.predicted(known), known=known)
+    if problem:
+        return replace(rigid, adjusted=adjusted, problem=problem)
     whole = Submodel(
         joined.photo,
         joined.model.centre,
@@ -197,10 +199,10 @@ def _left_out(
     return left_out
 
 
-def _is_better(
+def _refused(
     left_out: Array, numbers: NDArray[np.int64], before: Mapping[int, float], *, known: KnownPositions
-) -> bool:
-    """Return whether an adjustment is known to be at least nearly as good as the submodels without it.
+) -> str:
+    """Return why an adjustment is not known to be nearly as good as the submodels without it; empty if it is.
 
     Args:
         left_out, numbers: See `Submodel.left_out`, and the photos of its rows.
@@ -209,15 +211,15 @@ def _is_better(
     measured = np.flatnonzero(np.isfinite(left_out[:, 0]))
     off = np.abs(left_out[measured, 0] + 1j * left_out[measured, 1] - known.at[numbers[measured]])
     if len(off) < _LEAST_MEASURED:
-        return False
+        return _UNMEASURED
     rows = [
         (after, before[n]) for after, n in zip(off, numbers[measured].tolist(), strict=True) if n in before
     ]
     if len(rows) < _LEAST_MEASURED:
-        return True
+        return ""
     after, usual = np.median(rows, axis=0)
     accurate_to = np.median(known.sigma_px[numbers[measured]])
-    return bool(after <= _MORE_ERROR * max(usual, accurate_to))
+    return "" if after <= _MORE_ERROR * max(usual, accurate_to) else _DISAGREE
 
 
 class _Joined(NamedTuple):
