@@ -112,7 +112,7 @@ def adjust_submodels(
         if now is None or (now.key, now.adjusted) != (rigid.key, adjusted):
             now = _adjust(rigid, facts, found=found, adjusted=adjusted, progress=progress)
             write_submodels(found.folder / SUBMODELS_FILE, now)
-            _remove_others(found.folder / ADJUSTED, adjusted)
+            _remove_others(found.folder / ADJUSTED, "" if now.problem else adjusted)
         keep_cloud(found.folder, now, features=found.shared)
     submodels = tuple(renumbered(now, found.number_of, turn_of=found.turn_of))
     return replace(found, submodels=submodels), [
