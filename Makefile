@@ -30,9 +30,9 @@ CLUSTER := -p no:unraisableexception -W "ignore:coroutine:RuntimeWarning" tests/
 PROCESSES = $(shell expr $$(nproc 2>/dev/null || echo 2) \* 3 / 2)
 # The tests of a file share what they need, so they run in one process; `tests/conftest.py` orders the files.
 PYTEST  = $(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
-# Of tests of several processes and of browsers, those that fail run once more, alone: a loaded machine can upset their timing.
+# Of tests of several processes and of browsers, those that fail (status 1) run once more, alone: a loaded machine can upset their timing.
 define twice
-	$(PYTEST) -n $(PROCESSES) -q $(1) || { echo "what failed runs once more, alone"; $(BIN)/pytest -q --last-failed --last-failed-no-failures none $(1); }
+	$(PYTEST) -n $(PROCESSES) -q $(1) || { [ $$? -eq 1 ] || exit 1; echo "what failed runs once more, alone"; $(BIN)/pytest -q --last-failed --last-failed-no-failures none $(1); }
 endef
 PIP    := $(BIN)/python -m pip install --disable-pip-version-check
 # By environment, so that what builds the package is pinned too.

@@ -126,6 +126,26 @@ def test_each_part_of_the_suite_is_run_once(project):
     assert recipe_of("ros-test").count("ros/run_tests.py") == 1
 
 
+@pytest.mark.skipif(shutil.which("make") is None, reason="there is no make")
+@pytest.mark.parametrize(
+    ("first", "second", "runs", "passes"),
+    [(0, 9, 1, True), (1, 0, 2, True), (1, 1, 2, False), (3, 0, 1, False), (137, 0, 1, False)],
+    ids=["passes", "passes alone", "fails again", "broke off", "was killed"],
+)
+def test_only_a_run_that_came_to_its_end_is_repeated(project, tmp_path, first, second, runs, passes):
+    """What failed of a run that broke off says nothing of the tests after it."""
+    stub = tmp_path / "pytest"
+    stub.write_text(
+        f"#!/bin/sh\necho run >> {tmp_path}/runs\n"
+        f'case "$*" in *--last-failed*) exit {second};; *) exit {first};; esac\n'
+    )
+    stub.chmod(0o755)
+    command = ["make", "-s", "-C", project, f"BIN={tmp_path}", "--eval", "try: ; $(call twice,tests)", "try"]
+    done = subprocess.run(command, capture_output=True, check=False)
+    assert (tmp_path / "runs").read_text().count("run") == runs
+    assert (done.returncode == 0) is passes
+
+
 def test_a_test_that_fails_is_named_at_once(project, tmp_path):
     (tmp_path / "conftest.py").write_text(
         "from tests.names_failures import NamesFailures\n"

@@ -113,7 +113,9 @@ def test_a_closing_connection_is_waited_for_in_the_thread_of_its_request(worker,
     connection.sock, worker.nr_conns = ClientSocket(fileno=here.detach()), 1
     with there:
         there.sendall(b"the rest of a body")
+        start = time.monotonic()
         assert worker.handle(connection) is False
+        assert time.monotonic() - start < 5.0, "much less than for a request"
         assert connection.sock.fileno() == -1
         assert there.recv(1) == b"", "not reset"
         answered = Future()

@@ -66,7 +66,8 @@ class ClientSocket(socket.socket):
     """A connection on which a request has to arrive in time.
 
     All reads of a request together may wait for `patience_s` seconds, plus one for each `LEAST_BYTES_PER_S`
-    bytes received; a write may wait for a minute. Slower connections count as broken.
+    bytes received, and no read longer than a shorter timeout of the socket; a write may wait for a minute.
+    Slower connections count as broken.
     """
 
     patience_s = 15.0
@@ -88,6 +89,8 @@ class ClientSocket(socket.socket):
         """
         left_s = self.patience_s + self._received / LEAST_BYTES_PER_S - self._waited_s
         before, start = self.gettimeout(), time.monotonic()
+        if before is not None and 0.0 < before < _ANSWER_S:
+            left_s = min(left_s, before)
         self.settimeout(max(left_s, 0.001))
         try:
             data = super().recv(size, flags)

@@ -13,7 +13,7 @@ from webapp.settings import Settings
 from webapp.tasks.landmarks import adjust
 from webapp.tasks.landmarks.accept import accept_in_folder
 from webapp.tasks.landmarks.adjust import adjust_submodels
-from webapp.tasks.landmarks.mapping import run_adjustment
+from webapp.tasks.landmarks.mapping import ADJUSTED, run_adjustment
 from webapp.tasks.landmarks.place_rest import suggest_rest
 from webapp.tasks.landmarks.reconstruct import reconstruct
 from webapp.tasks.localize.open_pipeline import open_pipeline
@@ -122,6 +122,7 @@ def test_an_adjustment_that_contradicts_the_positions_is_refused(court, monkeypa
     found, (submodel,) = adjusted(court.cfg)
     assert submodel.problem == "the photos do not agree with the positions"
     np.testing.assert_array_equal(found.submodels[0].centre, before)
+    assert [*(found.folder / ADJUSTED).glob("*")] == []
 
 
 @pytest.mark.parametrize(

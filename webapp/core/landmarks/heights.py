@@ -48,6 +48,10 @@ class CameraHeights:
     sigma_px: Array  # (n,) float64
     flight: NDArray[np.int64]  # (n,) int64. Number of the flight; -1 where the height is unknown.
 
+    def subset(self, rows: NDArray[np.int64]) -> CameraHeights:
+        """Return those of some cameras, in the order of `rows`."""
+        return CameraHeights(self.height_px[rows], self.sigma_px[rows], self.flight[rows])
+
 
 @dataclass(frozen=True, slots=True)
 class Altitudes:

@@ -40,7 +40,8 @@ def add_lens_priors(
     standard deviation.
 
     Args:
-        height_sigmas: By image, how far it is above the mean of its flight, in standard deviations.
+        height_sigmas: By image, how far it is above the mean of its flight in the model, in standard
+            deviations.
 
     Yields:
         image, point: Their ids.

@@ -169,10 +169,15 @@ class PositionPriors:
         return _Photos(submodel, dict(zip(photo.tolist(), images, strict=True)))
 
     def _height_sigmas(self, photos: _Photos) -> dict[int, float]:
-        """Return the known heights in standard deviations, by image id."""
-        ratio = self._positions.heights.height_px / self._positions.heights.sigma_px
-        there = {image.image_id: float(ratio[self._row[image.name]]) for image in photos.image.values()}
-        return {id: value for id, value in there.items() if np.isfinite(value)}
+        """Return the known heights in standard deviations, above the mean of those photos of the flight that
+        are in the model, by image id."""
+        heights, images = self._positions.heights, [*photos.image.values()]
+        row = np.array([self._row[image.name] for image in images], np.int64)
+        ratio = heights.height_px[row] / heights.sigma_px[row]
+        for flight in np.unique(heights.flight[row]):
+            ratio[heights.flight[row] == flight] -= ratio[heights.flight[row] == flight].mean()
+        there = zip(images, ratio.tolist(), strict=True)
+        return {image.image_id: value for image, value in there if np.isfinite(value)}
 
     def _prior_of(
         self, image: Any, height: tuple[float, float] | None, *, shows: bool, wider: float

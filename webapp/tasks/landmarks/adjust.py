@@ -65,6 +65,7 @@ _LEAST_MEASURED, _MORE_ERROR = 3, 1.5
 that of the submodels, each of which was measured by leaving out one position, not a quarter of them."""
 
 _DISAGREE = "the photos do not agree with the positions"
+_UNMEASURED = "too few positions can be left out to measure the error"
 
 _FORMAT = 11
 """Part of the hash of the known positions: change it to recompute adjustments by new rules."""
@@ -111,7 +112,7 @@ def adjust_submodels(
         if now is None or (now.key, now.adjusted) != (rigid.key, adjusted):
             now = _adjust(rigid, facts, found=found, adjusted=adjusted, progress=progress)
             write_submodels(found.folder / SUBMODELS_FILE, now)
-            _remove_others(found.folder / ADJUSTED, adjusted)
+            _remove_others(found.folder / ADJUSTED, "" if now.problem else adjusted)
         keep_cloud(found.folder, now, features=found.shared)
     submodels = tuple(renumbered(now, found.number_of, turn_of=found.turn_of))
     return replace(found, submodels=submodels), [
@@ -120,7 +121,7 @@ def adjust_submodels(
 
 
 def _key_of(known: KnownPositions, the_map: Map, altitudes: Altitudes | None = None) -> str:
-    rows = np.column_stack([known.at.real, known.at.imag, known.sigma_px]).round(3).tolist()
+    rows = np.column_stack([known.at.real, known.at.imag, known.sigma_px, known.derived]).round(3).tolist()
     points = [
         asdict(point) for point in the_map.control_points if point.position is not None and not point.is_check
     ]
@@ -151,8 +152,9 @@ def _adjust(
         if number not in joined.submodels and not np.isin(submodel.photo, joined.photo).any()
     ]
     left_out = _left_out(joining, known, numbers, out=out, progress=progress)
-    if left_out is not None and not _is_better(left_out, numbers, joining.predicted(known), known=known):
-        return replace(rigid, adjusted=adjusted, problem=_DISAGREE)
+    problem = left_out is not None and _refused(left_out, numbers, joining.predicted(known), known=known)
+    if problem:
+        return replace(rigid, adjusted=adjusted, problem=problem)
     whole = Submodel(
         joined.photo,
         joined.model.centre,
@@ -197,10 +199,10 @@ def _left_out(
     return left_out
 
 
-def _is_better(
+def _refused(
     left_out: Array, numbers: NDArray[np.int64], before: Mapping[int, float], *, known: KnownPositions
-) -> bool:
-    """Return whether an adjustment is known to be at least nearly as good as the submodels without it.
+) -> str:
+    """Return why an adjustment is not known to be nearly as good as the submodels without it; empty if it is.
 
     Args:
         left_out, numbers: See `Submodel.left_out`, and the photos of its rows.
@@ -209,15 +211,15 @@ def _is_better(
     measured = np.flatnonzero(np.isfinite(left_out[:, 0]))
     off = np.abs(left_out[measured, 0] + 1j * left_out[measured, 1] - known.at[numbers[measured]])
     if len(off) < _LEAST_MEASURED:
-        return False
+        return _UNMEASURED
     rows = [
         (after, before[n]) for after, n in zip(off, numbers[measured].tolist(), strict=True) if n in before
     ]
     if len(rows) < _LEAST_MEASURED:
-        return True
+        return ""
     after, usual = np.median(rows, axis=0)
     accurate_to = np.median(known.sigma_px[numbers[measured]])
-    return bool(after <= _MORE_ERROR * max(usual, accurate_to))
+    return "" if after <= _MORE_ERROR * max(usual, accurate_to) else _DISAGREE
 
 
 class _Joined(NamedTuple):
@@ -381,6 +383,7 @@ def positions_of(
     where = np.column_stack([at.real, at.imag])
     usual_px = _HEIGHT_SHARE * float(np.ptp(where, axis=0).max())
     altitudes = facts.altitudes or Altitudes((Altitude(),) * len(contents), 1.0)
+    _, first, row = np.unique(photo, return_index=True, return_inverse=True)  # a panorama counts once
     return PicturePositions(
         tuple(contents),
         photo,
@@ -390,7 +393,7 @@ def positions_of(
         known.sigma_px[usable],
         usual_px,
         tuple(points),
-        altitudes.heights(usual_px=usual_px),
+        altitudes.subset(first.tolist()).heights(usual_px=usual_px).subset(row),
     )
 
 

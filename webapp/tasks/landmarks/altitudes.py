@@ -16,31 +16,50 @@ from webapp.files.atomic import write_text
 from webapp.files.maps.folder import photo_path
 from webapp.files.photos.exif import Gps
 from webapp.files.photos.photo import read_facts
+from webapp.progress import Progress
 from webapp.settings import PhotoLimits
 from webapp.tasks.landmarks.known import AnyPhoto
 
 _FILE = "altitudes.json"
 """Next to the features of photos: by content hash."""
 
+_KEPT_EACH = 200
+"""Photos after which what was read is stored."""
+
 _HIGHEST_M = 20_000.0
 """Altitudes, up or down, from which on they are not those of a camera."""
 
 
 def read_altitudes(
-    cfg: Path, photos: Mapping[str, AnyPhoto], *, folder: Path, limits: PhotoLimits
+    cfg: Path,
+    photos: Mapping[str, AnyPhoto],
+    *,
+    folder: Path,
+    limits: PhotoLimits,
+    progress: Progress,
 ) -> dict[str, Altitude]:
-    """Read the altitudes of photos, by content; the header of each file is read once only.
+    """Read the altitudes of photos, by content; each file is read once only.
+
+    That takes a while for many large photos, as files are checked for damage.
 
     Args:
-        photos: By content.
+        photos: By content. The views of a panorama share its file.
         folder: Folder of the photos' features.
     """
     known = _stored(folder)
-    read = {content: _read(cfg, photos[content], limits=limits) for content in photos.keys() - known.keys()}
-    new = {content: one for content, one in read.items() if one is not None}
-    known |= new
-    if new:
-        write_text(folder / _FILE, json.dumps({content: asdict(one) for content, one in known.items()}))
+    missing = sorted(photos.keys() - known.keys(), key=lambda content: photos[content].photo)
+    if missing:
+        progress.note("reading photos")
+    last, read = "", None
+    for count, content in enumerate(missing, 1):
+        progress.check()
+        if photos[content].photo != last:
+            last = photos[content].photo
+            read = _read(cfg, photos[content], limits=limits)
+        if read is not None:
+            known[content] = read
+        if count % _KEPT_EACH == 0 or count == len(missing):
+            write_text(folder / _FILE, json.dumps({one: asdict(its) for one, its in known.items()}))
     return {content: known[content] for content in photos.keys() & known.keys()}
 
 

@@ -155,7 +155,7 @@ def reconstruct(
     by_content = {entry.content: photo for photo, entry in described}
     find_in_photos(cfg, the_map, photos=by_content, folder=folder, limits=settings.photo, progress=progress)
     number_of = {one.entry.content: one.number for one in reversed(pictures.described)}
-    altitudes = read_altitudes(cfg, by_content, folder=folder, limits=settings.photo)
+    altitudes = read_altitudes(cfg, by_content, folder=folder, limits=settings.photo, progress=progress)
     altitude_of = {number_of[content]: altitude for content, altitude in altitudes.items()}
     turn_of = {entry.content: photo.view.turn_deg for photo, entry in described if photo.view is not None}
     found = tuple(renumbered(submodels, number_of, turn_of=turn_of))
