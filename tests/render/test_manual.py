@@ -41,3 +41,9 @@ def test_the_manual_has_what_the_site_of_the_documentation_has_for_users():
     for_users = nav.partition("  - Development:")[0]
     pages = set(re.findall(r": ([\w-]+)\.md$", for_users, re.M)) - {"README", "FORMAT"}
     assert pages == set(NAMES)
+
+
+def test_numbers_in_tables_are_aligned_without_inline_styles():
+    html = manual.chapter("measurements").html
+    assert "style=" not in html
+    assert '<td class="manual__number">' in html

@@ -124,6 +124,8 @@ def chapter(name: str) -> Chapter:
         _follow(token.children or [])
         if token.type == "table_open":
             token.attrSet("tabindex", "0")  # can be scrolled by keyboard on narrow screens
+        if token.attrs.pop("style", None) == "text-align:right":  # pages allow no inline styles
+            token.attrSet("class", "manual__number")
     return Chapter(name, title, parser.renderer.render(tokens, parser.options, {}))
 
 

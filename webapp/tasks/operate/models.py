@@ -50,14 +50,12 @@ Models = Mapping[str, tuple[ModelFile, ...]]
 SECOND_LOOK = ("xfeat", PAIR_MATCHERS["xfeat"])
 """The models of the second look of method `auto`: its features, and the network that matches them."""
 
-PURPOSES: dict[str, str] = {
+PURPOSES: dict[str, str] = dict.fromkeys(MODELS, "Features to choose yourself.") | {
     "xfeat": "The second look of method auto, which finds hard photos, such as those by night.",
     "lighterglue": "Matches the second look's photos: more hard photos are found, and more surely.",
     "faces": "Finds faces to blur.",
     "plates": "Finds number plates to blur.",
-    "aliked": "Features to choose yourself.",
     "aliked-lightglue": "Matches photos by the features aliked, in method thorough.",
-    "disk": "Features to choose yourself.",
     "global": "Compares photos as a whole, which helps to find them on large maps.",
 }
 """What each model is for."""
