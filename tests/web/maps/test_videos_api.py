@@ -2,6 +2,7 @@
 
 import os
 import time
+from contextlib import contextmanager
 
 import pytest
 
@@ -132,6 +133,33 @@ def test_a_job_that_is_killed_is_continued(client, base, library, settings, clip
     result, _ = run(library, settings)
     assert (result["added"], result["duplicates"]) == (result["photos"] - after, after)
     assert len({photo["name"] for photo in photos(client, base)}) == result["photos"]
+
+
+def test_a_photo_whose_record_was_not_committed_is_added_by_the_next_run(
+    client, base, library, settings, clip, monkeypatch
+):
+    client.post(f"{base}/videos", json={"clip": send(client, base, "A walk.mp4", clip)})
+    commit = library.changing
+
+    @contextmanager
+    def ends_before_it_commits(map_id, **more):
+        with commit(map_id, **more) as change:
+            yield change
+            raise Cancelled("killed")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Context, "changing", staticmethod(ends_before_it_commits))
+        with pytest.raises(Cancelled):
+            run(library, settings)
+    assert photos(client, base) == []
+    with library.database.write() as session:
+        job = session.query(Job).filter_by(kind="video-photos").one()
+        job.state = "cancelled"
+        jobs.retry(session, job)
+    result, _ = run(library, settings)
+    assert (result["added"], result["duplicates"]) == (result["photos"], 0)
+    assert len(photos(client, base)) == result["photos"]
+    assert not [*(library.inner / "videos").iterdir()]
 
 
 def test_what_is_no_video_or_too_large_is_refused(client, base, settings, monkeypatch):

@@ -16,9 +16,9 @@ from pathlib import Path, PurePosixPath
 from sqlalchemy import select
 
 from webapp.errors import NotFound, PhotoError
-from webapp.files.atomic import write_text
+from webapp.files.atomic import write_bytes, write_text
 from webapp.files.exchange.gpx import SUFFIX as GPX
-from webapp.files.part_file import check_space, move_in
+from webapp.files.part_file import check_space, discard, move_in
 from webapp.files.video.clip import SUFFIXES
 from webapp.files.video.subtitles import SUFFIX as SUBTITLES
 from webapp.progress import Progress
@@ -111,20 +111,23 @@ def add_video(
     for name in cut.photos:
         progress.check()
         file = folder / _PHOTOS / name
+        if not file.is_file():  # it was added before this run was interrupted
+            duplicates += 1
+            progress.advance()
+            continue
+        copy = folder / name  # it is moved before its record is committed
+        write_bytes(copy, file.read_bytes())
         try:
-            if (
-                not file.is_file()
-                or add_photo(
-                    library,
-                    map_id,
-                    photo=IncomingPhoto(file, name),
-                    settings=settings,
-                    changing=changing,
-                ).duplicate
-            ):  # it was added before this run was interrupted
-                duplicates += 1
-            else:
-                added += 1
+            added_photo = add_photo(
+                library,
+                map_id,
+                photo=IncomingPhoto(copy, name),
+                settings=settings,
+                changing=changing,
+            )
+            duplicates += added_photo.duplicate
+            added += not added_photo.duplicate
+            discard(file)
         except PhotoError as error:
             failed.append((name, error.message))
         progress.advance()
