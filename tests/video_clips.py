@@ -33,10 +33,11 @@ def pan(positions, *, blurred=()):
 
 
 def write_clip(path, frames, *, metadata=None, packets=()):
-    """Write a video; `packets` are GPMF, one a second."""
+    """Write a video; `packets` are GPMF, one a second. A .mov keeps metadata of any name."""
     import av
 
-    with av.open(str(path), "w") as out:
+    options = {"movflags": "use_metadata_tags"} if path.suffix == ".mov" else {}
+    with av.open(str(path), "w", options=options) as out:
         out.metadata.update(metadata or {})
         stream = out.add_stream("mpeg4", rate=FPS)
         stream.width, stream.height, stream.pix_fmt, stream.bit_rate = *SIZE, "yuv420p", 4_000_000

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import asdict
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from webapp.configuration import load_settings
 from webapp.errors import UsageError
 from webapp.files.exchange.times import unix_time
 from webapp.files.photos.panorama import read_rig
+from webapp.files.video.clip import is_begin
 from webapp.tasks.maps.panoramas import CutOptions, CutPhoto, JoinedPanorama, JoinOptions
 from webapp.tasks.maps.panoramas import cut_panoramas as cut
 from webapp.tasks.maps.panoramas import join_panoramas as join
@@ -187,6 +187,6 @@ def _moment(text: str | None) -> float | None:
     if text is None:
         return None
     moment = unix_time(text)
-    if math.isnan(moment):
+    if not is_begin(moment):
         raise UsageError(f"{text!r} is not a time", where="--starts", hint="such as 2026-05-01T10:00:00Z")
     return moment

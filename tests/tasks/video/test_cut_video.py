@@ -48,6 +48,23 @@ def test_photos_have_the_time_of_their_frame(tmp_path):
     assert done.with_position == 0
 
 
+@pytest.mark.parametrize(
+    "begins", ["9999-12-31T23:59:59-0800", "9999-12-31T23:59:59Z", "2026-05-01T10:00:00+9959"]
+)
+def test_an_absurd_time_is_none(tmp_path, begins):
+    metadata = {"com.apple.quicktime.creationdate": begins}
+    clip = write_clip(tmp_path / "a.mov", pan(POSITIONS), metadata=metadata)
+    done, facts = cut(clip, tmp_path / "out")
+    assert {one.taken_at for one in facts} == {None}
+    clip.with_suffix(".srt").write_text(NEW.replace("2026-05-01 12:00", "9999-12-31 23:59"))
+    done, facts = cut(clip, tmp_path / "captioned")
+    assert {one.taken_at for one in facts} == {None}
+    assert done.with_position > 0
+    clip.with_suffix(".srt").unlink()
+    done, facts = cut(clip, tmp_path / "stated", starts_s=1_700_000_000.0)
+    assert facts[0].taken_at.startswith("2023-11-14T") and ":13:20" in facts[0].taken_at
+
+
 def test_a_gopro_has_its_positions_in_the_video(tmp_path):
     packets = [gps5([(50.0 + 1e-4 * (second + n / 4), 14.0) for n in range(4)]) for second in range(10)]
     clip = write_clip(tmp_path / "a.mp4", pan(POSITIONS), packets=packets)

@@ -170,8 +170,9 @@ def test_what_is_no_video_or_too_large_is_refused(client, base, settings, monkey
     assert refused.json["error"]["hint"] == "cut it on your computer: expmap map cut-video"
     gpx = send(client, base, "walk.gpx", GPX.encode())
     assert client.post(f"{base}/videos", json={"clip": gpx}).json["error"]["message"] == "it is not a video"
-    wish = {"clip": gpx, "starts": "noon"}
-    assert client.post(f"{base}/videos", json=wish).json["error"]["message"] == "this is not a time"
+    for starts in ("noon", "9999-12-31T23:59:59Z"):
+        wish = {"clip": gpx, "starts": starts}
+        assert client.post(f"{base}/videos", json=wish).json["error"]["message"] == "this is not a time"
     assert client.post(f"{base}/videos", json={"clip": "0" * 32}).status_code == 404
 
 

@@ -29,8 +29,10 @@ _STARTS = ("com.apple.quicktime.creationdate", "creation_time")
 
 _PLACES = ("com.apple.quicktime.location.ISO6709", "location")
 _ISO6709 = re.compile(r"([+-]\d+(?:\.\d+)?)([+-]\d+(?:\.\d+)?)")
-_NEVER = unix_time("1971-01-01")
-"""Cameras whose clock is not set write a time before it."""
+_BEGIN, _END = unix_time("1971-01-01"), unix_time("2200-01-01")
+"""When videos are taken: cameras whose clock is not set write a time before it."""
+
+_DAY_S = 86_400.0
 
 _MOST_TELEMETRY = 100_000_000
 """Bytes of the telemetry of a clip."""
@@ -114,6 +116,11 @@ class Clip:
         return make_track([times[n] for n in kept], [positions[n] for n in kept]) if kept else None
 
 
+def is_begin(moment_s: float) -> bool:
+    """Return whether a video may begin at a time, seconds since 1970; not at NaN."""
+    return _BEGIN < moment_s < _END
+
+
 @contextmanager
 def open_clip(path: Path, *, limits: PhotoLimits) -> Iterator[Clip]:
     """Open a video.
@@ -150,12 +157,14 @@ def _described(container: Any, stream: Any) -> Clip:
     begins_s = unix_time(text)
     zone = re.search(r"([+-])(\d\d):?(\d\d)$", text)
     zone_s = (1 if zone[1] == "+" else -1) * (3600.0 * int(zone[2]) + 60.0 * int(zone[3])) if zone else None
+    if zone_s is not None and abs(zone_s) >= _DAY_S:
+        zone_s = None
     found = next((m for key in _PLACES if (m := _ISO6709.match(facts.get(key, "")))), None)
     place = LatLon(float(found[1]), float(found[2])) if found else None
     if place is not None and not (abs(place.lat) <= 90.0 and abs(place.lon) <= 180.0):
         place = None
     seconds = container.duration / 1e6 if container.duration else None
-    return Clip(seconds, begins_s if begins_s > _NEVER else None, zone_s, place, container, stream)
+    return Clip(seconds, begins_s if is_begin(begins_s) else None, zone_s, place, container, stream)
 
 
 def _upright(frame: Any) -> NDArray[np.uint8]:

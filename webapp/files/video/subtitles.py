@@ -7,13 +7,14 @@ Two forms are in use: `[latitude: 50.1] [longitude: 14.2]` (also spelled `longti
 from __future__ import annotations
 
 import re
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 
 from webapp.core.geo.types import LatLon
 from webapp.core.trajectory import FixTrack, make_track
 from webapp.errors import TrackError
 from webapp.files.text_file import numbered_lines
+from webapp.files.video.clip import is_begin
 
 SUFFIX = ".srt"
 
@@ -86,6 +87,7 @@ def _place(line: str) -> LatLon | None:
 
 def _moment(text: str) -> datetime | None:
     try:
-        return datetime.strptime(text, "%Y-%m-%d %H:%M:%S.%f")
+        moment = datetime.strptime(text, "%Y-%m-%d %H:%M:%S.%f")
     except ValueError:
         return None
+    return moment if is_begin(moment.replace(tzinfo=UTC).timestamp()) else None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import secrets
 from typing import Any
 
@@ -14,6 +13,7 @@ from webapp.errors import NotFound, UsageError
 from webapp.extras import install_line, is_installed, require
 from webapp.files.exchange.times import unix_time
 from webapp.files.part_file import arrived, one_at_a_time
+from webapp.files.video.clip import is_begin
 from webapp.store.maps import maps
 from webapp.store.operate import jobs
 from webapp.store.schema import MapRecord, Upload
@@ -94,7 +94,7 @@ def cut(slug: str, data: dict[str, Any]) -> dict[str, Any]:
     record, who = open_map(slug, "editor"), account()
     require("video")
     starts_s = None if data["starts"] is None else unix_time(data["starts"])
-    if starts_s is not None and math.isnan(starts_s):
+    if starts_s is not None and not is_begin(starts_s):
         raise UsageError("this is not a time", where="starts", hint="write it like 2026-05-01T10:00:00Z")
     clip = _complete(record, data["clip"])
     track = None if data["track"] is None else _complete(record, data["track"])
