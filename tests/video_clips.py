@@ -58,6 +58,20 @@ def write_clip(path, frames, *, metadata=None, packets=()):
     return path
 
 
+def write_stream(path, frames, *, size, first):
+    """Write an MPEG stream, to which another may be appended whose frames are counted from `first` on."""
+    import av
+
+    with av.open(str(path), "w", format="mpegts") as out:
+        stream = out.add_stream("mpeg2video", rate=25)
+        stream.width, stream.height, stream.pix_fmt, stream.bit_rate = *size, "yuv420p", 4_000_000
+        for number, frame in enumerate(frames, first):
+            large = av.VideoFrame.from_ndarray(cv2.resize(frame, size), format="bgr24")
+            large.pts = number
+            out.mux(stream.encode(large))
+        out.mux(stream.encode())
+
+
 def klv(key, kind, *samples, size=None):
     """An item of GPMF; samples are packed by the letter of its type."""
     letters = {"l": "i", "L": "I", "S": "H", "\0": None, "c": None, "?": None}[kind]

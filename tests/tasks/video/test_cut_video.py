@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.files.video.test_subtitles import NEW
-from tests.video_clips import gps5, klv, pan, write_clip
+from tests.video_clips import gps5, klv, pan, write_clip, write_stream
 from webapp.errors import Cancelled, MissingPart, PhotoError
 from webapp.files.photos.photo import read_facts
 from webapp.progress import Progress
@@ -125,6 +125,21 @@ def test_a_damaged_video_gives_what_comes_before(tmp_path):
     part, _ = cut(clip, tmp_path / "part")
     assert part.photos
     assert {*part.photos[:-1]} <= {*whole.photos}
+
+
+def test_frames_that_become_too_large_end_it(tmp_path):
+    """In a stream the header of each part counts."""
+    parts = []
+    for number, size in enumerate([(320, 240), (1280, 960)]):
+        part = tmp_path / f"{number}.ts"
+        write_stream(part, pan(POSITIONS[:24]), size=size, first=24 * number)
+        parts.append(part.read_bytes())
+    clip = tmp_path / "a.mts"
+    clip.write_bytes(b"".join(parts))
+    limits = PhotoLimits(max_megapixels=0.5)
+    done = cut_video(clip, tmp_path / "out", options=CutVideoOptions(), limits=limits, progress=Progress())
+    assert {read_facts(tmp_path / "out" / name, limits=limits).width for name in done.photos} == {320}
+    assert done.notes == ("its frames have 1 megapixels, more than 0.5",)
 
 
 def test_what_is_no_video_is_refused(tmp_path):

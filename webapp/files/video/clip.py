@@ -55,12 +55,13 @@ class Clip:
     place: LatLon | None  # Where it begins; phones store only that
     _container: Any
     _stream: Any
+    _limits: PhotoLimits
 
     def frames(self, *, per_second: float) -> Iterator[VideoFrame]:
         """Decode frames, at most so many a second.
 
         Raises:
-            PhotoError: The video is damaged; the frames before were yielded.
+            PhotoError: The video is damaged, or its frames become too large; those before were yielded.
         """
         with extra("video"):
             import av
@@ -74,6 +75,7 @@ class Clip:
                 if at_s - last < 1.0 / per_second - 1e-3:
                     continue
                 last = at_s
+                _check_size(frame.width, frame.height, limits=self._limits)  # the header need not be right
                 yield VideoFrame(_upright(frame), at_s)
         except av.error.FFmpegError as error:
             raise PhotoError(f"the video is damaged: {error.strerror}", hint="copy it again") from error
@@ -140,18 +142,22 @@ def open_clip(path: Path, *, limits: PhotoLimits) -> Iterator[Clip]:
         if not container.streams.video:
             raise PhotoError("it has no pictures", where=str(path), hint="is it a sound file?")
         stream = container.streams.video[0]
-        megapixels = stream.codec_context.width * stream.codec_context.height / 1e6
-        if megapixels > limits.max_megapixels:
-            raise PhotoError(
-                f"its frames have {megapixels:.0f} megapixels, more than {limits.max_megapixels:g}",
-                where=str(path),
-                hint="make it smaller, or raise photo.max_megapixels",
-            )
+        _check_size(stream.codec_context.width, stream.codec_context.height, limits=limits, where=str(path))
         stream.thread_type = "AUTO"
-        yield _described(container, stream)
+        yield _described(container, stream, limits)
 
 
-def _described(container: Any, stream: Any) -> Clip:
+def _check_size(width: int, height: int, *, limits: PhotoLimits, where: str = "") -> None:
+    megapixels = width * height / 1e6
+    if megapixels > limits.max_megapixels:
+        raise PhotoError(
+            f"its frames have {megapixels:.0f} megapixels, more than {limits.max_megapixels:g}",
+            where=where,
+            hint="make it smaller, or raise photo.max_megapixels",
+        )
+
+
+def _described(container: Any, stream: Any, limits: PhotoLimits) -> Clip:
     facts = {**stream.metadata, **container.metadata}
     text = next((facts[key] for key in _STARTS if key in facts), "")
     begins_s = unix_time(text)
@@ -164,7 +170,7 @@ def _described(container: Any, stream: Any) -> Clip:
     if place is not None and not (abs(place.lat) <= 90.0 and abs(place.lon) <= 180.0):
         place = None
     seconds = container.duration / 1e6 if container.duration else None
-    return Clip(seconds, begins_s if is_begin(begins_s) else None, zone_s, place, container, stream)
+    return Clip(seconds, begins_s if is_begin(begins_s) else None, zone_s, place, container, stream, limits)
 
 
 def _upright(frame: Any) -> NDArray[np.uint8]:
