@@ -189,9 +189,11 @@ def _left_out(
         apart = out.with_name(f"{out.name}-without")
         there = joining.join(replace(known, at=at), out=apart, progress=progress, least=_LEAST_KNOWN - 1)
         shutil.rmtree(apart, ignore_errors=True)
-        if isinstance(there, str) or there.model.covariance is None:
+        if isinstance(there, str):
             continue
-        sigma = sigma_of(there.model.covariance)
+        covariance = there.model.covariance
+        # a large model has none: its radii follow from distances
+        sigma = np.ones(len(there.photo)) if covariance is None else sigma_of(covariance)
         place = np.column_stack([there.model.centre[:, :2], sigma / np.median(sigma)])
         of_photo = dict(zip(joining.pictures[there.photo].tolist(), place, strict=True))
         for row in np.flatnonzero(np.isin(numbers, hidden)).tolist():
