@@ -7,6 +7,7 @@ import numpy as np
 from webapp.core.landmarks.placing import KnownPositions
 from webapp.files.landmarks.colmap import Model
 from webapp.progress import Progress
+from webapp.tasks.landmarks import adjust
 from webapp.tasks.landmarks.adjust import _Joined, _left_out, _refused
 
 AT = np.array([0.0, 100.0, 200.0, 300.0, 400.0]) + 0.0j
@@ -35,3 +36,13 @@ def test_a_model_with_too_many_photos_for_covariances_is_measured_all_the_same()
     left_out = _left_out(Joining(numbers), known(), numbers, out=Path("adjusted"), progress=Progress())
     np.testing.assert_array_equal(left_out, np.column_stack([AT.real, AT.imag, np.ones(5)]))
     assert _refused(left_out, numbers, dict.fromkeys(range(5), 1.0), known=known()) == ""
+
+
+def test_a_panorama_counts_once():
+    numbers = np.array([0] * 6 + [1, 2, 3, 4])
+    left_out = np.zeros((10, 3))
+    left_out[6:] = np.nan
+    assert _refused(left_out, numbers, {}, known=known()) == adjust._UNMEASURED
+    left_out[6:] = np.column_stack([AT[1:].real + 50.0, AT[1:].imag, np.ones(4)])
+    before = dict.fromkeys(range(5), 1.0)
+    assert _refused(left_out, numbers, before, known=known()) == adjust._DISAGREE

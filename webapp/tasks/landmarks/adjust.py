@@ -211,6 +211,8 @@ def _refused(
         before: Errors of positions that the submodels predict from the others, by photo.
     """
     measured = np.flatnonzero(np.isfinite(left_out[:, 0]))
+    # the views of a panorama are one position
+    measured = measured[np.unique(numbers[measured], return_index=True)[1]]
     off = np.abs(left_out[measured, 0] + 1j * left_out[measured, 1] - known.at[numbers[measured]])
     if len(off) < _LEAST_MEASURED:
         return _UNMEASURED
