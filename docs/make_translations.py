@@ -39,6 +39,7 @@ _PAGES = {
 _SCRIPTS = {"static/js": [("**.js", "javascript")]}
 _KEYWORDS: dict[str, tuple[int, ...] | None] = {
     "_": None,
+    "_l": None,
     "gettext": None,
     "lazy_gettext": None,
     "ngettext": (1, 2),

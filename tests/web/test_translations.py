@@ -53,6 +53,22 @@ def test_texts_in_any_place_of_a_script_are_gathered(maker):
     assert {(name, text) for name, text in texts if text not in gathered} == set()
 
 
+def test_constant_texts_in_python_are_gathered(maker):
+    """Whatever name a module imports a function of flask_babel by."""
+    gathered = maker.gathered("messages")
+    found = set()
+    for path in TRANSLATIONS.parents[1].rglob("*.py"):
+        nodes = list(ast.walk(ast.parse(path.read_text("utf-8"))))
+        babel = [node for node in nodes if isinstance(node, ast.ImportFrom) and node.module == "flask_babel"]
+        names = {one.asname or one.name for node in babel for one in node.names if "gettext" in one.name}
+        calls = [node for node in nodes if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
+        first = [node.args[0] for node in calls if node.func.id in names and node.args]
+        found |= {(path.name, text.value) for text in first if isinstance(text, ast.Constant)}
+    assert len(found) > 100
+    missing = {(name, text) for name, text in found if text not in gathered}
+    assert missing == set(), "name the function in _KEYWORDS of docs/make_translations.py"
+
+
 def test_what_is_compiled_is_what_is_written(maker, written):
     _domain, language, path = written
     assert path.with_suffix(".mo").read_bytes() == maker.mo_bytes(path.read_bytes(), language)
