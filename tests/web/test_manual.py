@@ -30,7 +30,8 @@ def test_the_question_mark_opens_the_chapter_of_the_page(client, library, owner,
     adopt_map.adopt_map(library, "row", account_id=owner.id)
     (target,) = re.findall(r'href="/help/([^"]*)"[^>]*data-testid="help-link"', client.get(page).text)
     name, _, anchor = target.partition("#")
-    assert not anchor or f'id="{anchor}"' in manual.chapter(name).html
+    html = manual.chapter(name).html
+    assert not anchor or f'id="{anchor}"' in html
 
 
 def test_pages_of_landmarks_have_a_chapter_of_their_own(client, library, owner, make_map):
