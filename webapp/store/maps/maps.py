@@ -17,7 +17,6 @@ from sqlalchemy.orm.util import identity_key
 
 from webapp.core import texts
 from webapp.core.mapmodel.facts import DESCRIPTION
-from webapp.core.mapmodel.model import EDITED, WRITTEN
 from webapp.errors import NotAllowed, NotFound, UsageError
 from webapp.store.clock import now
 from webapp.store.list_parts import ListCursor, ListPart, last_changed_first
@@ -34,7 +33,7 @@ _MOST_PARAMETERS = 5000
 """Maximum parameters of one statement; SQLite allows 32766."""
 _LAST_CHANGED_FIRST = last_changed_first(MapRecord.changed_at, MapRecord.id)
 _NUMBERED = re.compile(r" \(\d{1,9}\)$")
-_HARMLESS = frozenset({"notes", "retime", *(EDITED[name].kind for name in WRITTEN)})
+_HARMLESS = frozenset({"note", "notes", "retime"})
 """Kinds of edits that change no answer."""
 
 RESERVED = frozenset({"new", "import", "bin"})
