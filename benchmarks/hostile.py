@@ -6,13 +6,12 @@ Random requests to all of the API, photos, satellite images, zips, `.cfg` files,
 drawn on them, positions of phones, coordinate systems and decompression bombs (some of whose clients leave
 after three seconds) are sent by several clients to a separate server with a temporary library; others open
 connections, break the rules of HTTP on them and keep them. Each request is derived from the seed and its
-number: `--only` repeats one. Prints a JSON object with the responses by kind
-and status, the slowest request of each kind, health check and page with their seconds, and the greatest
-memory of any process, over what it took when idle; on standard error each fault as it occurs: a 5xx other
-than "busy" (503 with `Retry-After`) and a full disk (507), no response, a response after more than a minute,
-a health check or page after more than ten seconds, a process with 700 MB more than when idle, an
-acknowledged photo that is missing or different. With faults, the end of the server's log follows, and the
-exit code is 1.
+number: `--only` repeats one. Prints a JSON object with the responses by kind and status, the slowest request
+of each kind, health check and page with their seconds, and the greatest memory of any process, over what it
+took when idle; on standard error each fault as it occurs: a 5xx other than "busy" (503 with `Retry-After`)
+and a full disk (507), no response, a response after more than a minute, a health check or page after more
+than ten seconds, a process with 700 MB more than when idle, an acknowledged photo that is missing or
+different. With faults, the end of the server's log follows, and the exit code is 1.
 """
 
 from __future__ import annotations
